@@ -1,0 +1,1 @@
+"""Articulated finger tracking."""

@@ -1,0 +1,171 @@
+"""Image and a posed model in, how the surface and the background look out.
+
+The thesis keeps templates from a frame without occlusion and supposes constant light; links that turn break that
+supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a
+second-order spherical harmonic (nine numbers; enough for any distant light on a matt surface, Ramamoorthi and Hanrahan 2001),
+times a gain for each link, learnt robustly from the image and carried over time, so that a template can be rendered at the
+present pose.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .camera import Camera, rays
+from .pills import Pills, ray_hits
+from .profiles import place_across, sample
+
+_MEMORY = 0.8  # weight of what earlier frames told, for each new frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Appearance:
+    """Grey levels of surface and background.
+
+    Attributes
+    ----------
+    shading : (9,)
+        Spherical-harmonic coefficients of grey level over the normal in camera axes, basis of `harmonics`.
+    gain : (l,)
+        Factor of each link.
+    background, noise : float
+        Grey level behind the hand, and standard deviation of the pixel noise.
+    spread : float
+        Standard deviation of grey level about the fitted shading: noise and what the shading cannot express.
+    normal_matrix, normal_vector : (9, 9), (9,)
+        Accumulated least-squares sums, the memory over time.
+    """
+
+    shading: Float[np.ndarray, " 9"]
+    gain: Float[np.ndarray, " l"]
+    background: float
+    noise: float
+    spread: float
+    normal_matrix: Float[np.ndarray, "9 9"]
+    normal_vector: Float[np.ndarray, " 9"]
+
+
+def harmonics(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 9"]:
+    """Basis `1, x, y, z, xy, yz, xz, x^2 - y^2, 3 z^2 - 1` at unit normals.
+
+    >>> harmonics(np.array([[0.0, 0.0, -1.0]])).tolist()
+    [[1.0, 0.0, 0.0, -1.0, 0.0, -0.0, -0.0, 0.0, 2.0]]
+    """
+    x, y, z = normal.T
+    return np.stack([np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, 3.0 * z * z - 1.0], axis=1)
+
+
+def shade_numpy(appearance: Appearance, normal: Float[np.ndarray, "n 3"], link: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Expected grey level of surface points; the background's where `link` is -1."""
+    level = appearance.gain[np.maximum(link, 0)] * (harmonics(normal) @ appearance.shading)
+    return np.where(link >= 0, level, appearance.background)
+
+
+def learn(
+    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, previous: Appearance | None = None
+) -> Appearance:
+    """Fit the appearance to one image with the model posed in it, and blend it with what is known.
+
+    Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a highlight)
+    are weighted down by Tukey's function of their residual.
+    """
+    points, level = _surface_samples(image, pills, camera)
+    origin, direction = rays(camera, points)
+    hits = ray_hits(pills, origin, direction)
+    on = hits.pill >= 0
+    noise = _noise(image, points, on)
+    background = float(np.median(level[~on])) if (~on).any() else (previous.background if previous else 0.0)
+    basis, target, link = harmonics(hits.normal[on]), level[on], hits.pill[on]
+    gain = previous.gain if previous else np.ones(pills.base.shape[0])
+    if previous is not None and previous.noise > 0.0:
+        noise = _MEMORY * previous.noise + (1.0 - _MEMORY) * noise
+        background = _MEMORY * previous.background + (1.0 - _MEMORY) * background
+    if target.size < 20:
+        return replace(previous, noise=noise) if previous else _flat(pills, background, noise, level)
+    memory = (previous.normal_matrix, previous.normal_vector) if previous else (np.zeros((9, 9)), np.zeros(9))
+    start = previous.shading if previous else None
+    matrix, vector, shading, weight, spread = _fit(basis, target, gain[link], memory, start, background)
+    gain = _gains(gain, link, target, basis @ shading, weight)
+    return Appearance(shading, gain, background, noise, spread, matrix, vector)
+
+
+def _surface_samples(
+    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    across = place_across(pills, camera, 8)
+    radius = np.array([_seen_radius(pills, camera, k) for k in range(pills.base.shape[0])])[across.link]
+    share = np.array([-1.35, -1.2, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 1.2, 1.35])
+    points = across.origin[:, None, :] + (radius[:, None] * share)[..., None] * across.direction[:, None, :]
+    flat = points.reshape(-1, 2)
+    zero = np.zeros(flat.shape[0], dtype=int)
+    at = replace(across, origin=flat, direction=np.zeros_like(flat), link=zero, along=zero * 1.0, side=zero, kind=zero)
+    at = replace(at, contact=np.zeros((flat.shape[0], 3)))
+    found = sample(image, at, np.zeros(1))
+    kept = found.inside[:, 0]
+    return flat[kept], found.values[kept, 0]
+
+
+def _seen_radius(pills: Pills, camera: Camera, link: int) -> float:
+    depth = 1.0 if camera.kind == "orthographic" else max(0.5 * (pills.base[link, 2] + pills.tip[link, 2]), 1e-9)
+    return float(pills.radius[link].mean() * 0.5 * (camera.fx + camera.fy) / depth)
+
+
+def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
+    """Pixel noise from second differences along rows on the surface, where nothing is clipped at black."""
+    at = np.rint(points[on] if on.sum() >= 50 else points).astype(int)
+    at = at[(at[:, 0] >= 1) & (at[:, 0] < image.shape[1] - 1) & (at[:, 1] >= 0) & (at[:, 1] < image.shape[0])]
+    if at.shape[0] < 10:
+        return 1.0
+    x, y = at.T
+    second = image[y, x - 1] - 2.0 * image[y, x] + image[y, x + 1]
+    return float(max(1.4826 * np.median(np.abs(second - np.median(second))) / np.sqrt(6.0), 0.29))
+
+
+def _fit(
+    basis: Float[np.ndarray, "n 9"],
+    target: Float[np.ndarray, " n"],
+    gain: Float[np.ndarray, " n"],
+    memory: tuple[Float[np.ndarray, "9 9"], Float[np.ndarray, " 9"]],
+    shading: Float[np.ndarray, " 9"] | None,
+    background: float,
+) -> tuple[Float[np.ndarray, "9 9"], Float[np.ndarray, " 9"], Float[np.ndarray, " 9"], Float[np.ndarray, " n"], float]:
+    """Iteratively reweighted least squares with memory; a point as dark as the background starts without weight."""
+    design = basis * gain[:, None]
+    foreground = np.abs(target - background)
+    weight = (foreground > 0.25 * np.median(foreground)).astype(float)
+    ridge = 1e-3 * target.size * np.diag([0.0, 1, 1, 1, 3, 3, 3, 3, 3])
+    matrix, vector, spread = memory[0], memory[1], 0.0
+    for step in range(4 if shading is None else 2):
+        if shading is not None or step > 0:
+            residual = target - design @ shading
+            spread = float(1.4826 * np.median(np.abs(residual[weight > 0])) + 1e-6) if (weight > 0).any() else 1.0
+            weight = np.where(np.abs(residual) < 4.7 * spread, (1.0 - (residual / (4.7 * spread)) ** 2) ** 2, 0.0)
+        weighted = design * weight[:, None]
+        matrix = _MEMORY * memory[0] + weighted.T @ design
+        vector = _MEMORY * memory[1] + weighted.T @ target
+        shading = np.linalg.solve(matrix + ridge, vector)
+    assert_shading = np.zeros(9) if shading is None else shading
+    return matrix, vector, assert_shading, weight, spread
+
+
+def _gains(
+    gain: Float[np.ndarray, " l"],
+    link: Int[np.ndarray, " n"],
+    target: Float[np.ndarray, " n"],
+    level: Float[np.ndarray, " n"],
+    weight: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " l"]:
+    """Gain of each link, pulled towards 1 and moved slowly: light and albedo cannot be told apart from few points."""
+    strength = 0.2 * (weight * level * level).sum() / gain.size
+    top = np.bincount(link, weight * target * level, gain.size) + strength * gain
+    bottom = np.bincount(link, weight * level * level, gain.size) + strength
+    return np.clip(gain + 0.3 * (top / np.maximum(bottom, 1e-9) - gain), 0.3, 3.0)
+
+
+def _flat(pills: Pills, background: float, noise: float, level: Float[np.ndarray, " n"]) -> Appearance:
+    """A surface of one grey level, when next to nothing of the model is in the image."""
+    brightest = float(level.max()) if level.size else 255.0
+    shading = np.zeros(9)
+    shading[0] = brightest
+    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((9, 9)), np.zeros(9))

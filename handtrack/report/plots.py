@@ -1,0 +1,242 @@
+"""Series in, one chart as inline HTML and SVG out.
+
+A chart is an SVG in a fixed 1000 x 1000 box that the page stretches to any size (lines keep their width), with HTML
+for everything that must not be stretched: tick labels and names. It needs no script to be read; `page.js` adds the
+cursor and the values under the pointer. Numbers are written with a fixed number of digits, so the same series give the
+same bytes.
+"""
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+_BOX = 1000.0  # side of the SVG's coordinate system
+_MOST_POINTS = 1600  # in one path; more than a screen has pixels across
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """One curve: its name, CSS class (which sets its colour), values and, optionally, sigmas and true values."""
+
+    name: str
+    style: str
+    values: Float[np.ndarray, " n"]
+    sigma: Float[np.ndarray, " n"] | None = None
+    truth: Float[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What all charts of a page share: the time axis in seconds, and where the status is not `tracked`."""
+
+    time: Float[np.ndarray, " n"]
+    status: Shaped[np.ndarray, " n"]
+
+
+def chart(
+    name: str,
+    frame: Frame,
+    series: Sequence[Series],
+    limits: tuple[float, float],
+    unit: str,
+    *,
+    kind: str = "",
+    ticks: int = 4,
+    filled: bool = False,
+    labels: bool = False,
+    time_axis: bool = True,
+) -> str:
+    """One chart as HTML.
+
+    Parameters
+    ----------
+    name : str
+        Identifier of the chart on the page, also the key of its values for the script.
+    limits : (float, float)
+        Lowest and highest value shown; what lies outside is cut off.
+    unit : str
+        Follows the tick values.
+    kind : str
+        Extra CSS class, which sets the height.
+    ticks : int
+        About how many horizontal lines.
+    filled : bool
+        Fill the area under the curves instead of drawing sigmas.
+    labels : bool
+        Write the names of the series at their last values.
+    time_axis : bool
+        Write the seconds below.
+    """
+    x = positions(frame.time, *time_range(frame.time))
+    marks = tick_values(*limits, ticks)
+    times = tick_values(*time_range(frame.time), 6)
+    parts = [f'<div class="chart {kind}" data-chart="{html.escape(name)}">']
+    parts.append('<svg viewBox="0 0 1000 1000" preserveAspectRatio="none" aria-hidden="true">')
+    parts += [
+        f'<rect class="{status}" x="{left:.1f}" y="0" width="{right - left:.1f}" height="1000"/>'
+        for status, left, right in status_spans(frame)
+    ]
+    heights = _BOX - positions(marks, *limits)
+    parts += [
+        f'<path class="{"zero" if mark == 0 else "grid"}" d="M0 {y:.1f}H1000"/>'
+        for mark, y in zip(marks, heights, strict=True)
+    ]
+    for item in series:
+        parts += _curves(item, x, limits, filled)
+    parts.append("</svg>")
+    digits = _digits(marks)
+    parts += [
+        f'<span class="y" style="top:{y / 10:.2f}%">{_minus(mark, digits)}{html.escape(unit)}</span>'
+        for mark, y in zip(marks, heights, strict=True)
+    ]
+    if time_axis:
+        lefts = positions(times, *time_range(frame.time))
+        parts += [
+            f'<span class="x" style="left:{left / 10:.2f}%">{_minus(second, _digits(times))} s</span>'
+            for second, left in zip(times, lefts, strict=True)
+        ]
+    if labels:
+        parts += _end_labels(series, limits)
+    parts.append("</div>")
+    return "".join(parts)
+
+
+def _curves(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float], filled: bool) -> list[str]:
+    y = _BOX - positions(item.values, *limits)
+    if filled:
+        floor = np.full(x.size, _BOX)
+        return [f'<path class="area {item.style}" d="{band_path(x, floor, y)}"/>']
+    parts = []
+    if item.sigma is not None:
+        low, high = (_BOX - positions(item.values + k * item.sigma, *limits) for k in (-2.0, 2.0))
+        parts.append(f'<path class="band {item.style}" d="{band_path(x, low, high)}"/>')
+    parts.append(f'<path class="line {item.style}" d="{line_path(x, y)}"/>')
+    if item.truth is not None:
+        parts.append(f'<path class="truth" d="{line_path(x, _BOX - positions(item.truth, *limits))}"/>')
+    return parts
+
+
+def _end_labels(series: Sequence[Series], limits: tuple[float, float]) -> list[str]:
+    """Names beside the last values, moved apart where they would overlap."""
+    last = np.array([item.values[-1] for item in series])
+    top = np.clip((_BOX - positions(last, *limits)) / 10, 3, 97)
+    gap = 9.0  # per cent of the height
+    order = np.argsort(top, kind="stable")
+    for i, j in zip(order[:-1], order[1:], strict=True):
+        top[j] = max(top[j], top[i] + gap)
+    top -= max(0.0, float(top.max()) - 97)
+    return [
+        f'<span class="name {item.style}" style="top:{y:.2f}%">{html.escape(item.name)}</span>'
+        for item, y in zip(series, top, strict=True)
+    ]
+
+
+def time_range(time: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """First and last time, a second apart if there is only one."""
+    first, last = float(time[0]), float(time[-1])
+    return (first, last) if last > first else (first, first + 1.0)
+
+
+def positions(values: Float[np.ndarray, " n"], low: float, high: float) -> Float[np.ndarray, " n"]:
+    """Values on a scale from `low` at 0 to `high` at 1000, kept within reach of what SVG draws well."""
+    return np.clip((values - low) / (high - low), -9.0, 9.0) * _BOX
+
+
+def line_path(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> str:
+    """SVG path through the points, interrupted where y is NaN.
+
+    >>> line_path(np.array([0.0, 1.0, 2.0, 3.0]), np.array([5.0, np.nan, 6.0, 7.0]))
+    'M0 5M2 6L3 7'
+    """
+    parts = []
+    pen_down = False
+    for i in thin(y):
+        if not math.isfinite(y[i]):
+            pen_down = False
+            continue
+        parts.append(f"{'L' if pen_down else 'M'}{_short(x[i])} {_short(y[i])}")
+        pen_down = True
+    return "".join(parts)
+
+
+def band_path(x: Float[np.ndarray, " n"], low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> str:
+    """Closed SVG path between two curves; points where one is NaN are left out."""
+    keep = thin(high - low)
+    keep = keep[np.isfinite(low[keep]) & np.isfinite(high[keep])]
+    if not keep.size:
+        return ""
+    points = [f"{_short(x[i])} {_short(high[i])}" for i in keep]
+    points += [f"{_short(x[i])} {_short(low[i])}" for i in keep[::-1]]
+    return f"M{'L'.join(points)}Z"
+
+
+def thin(values: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+    """Rows to draw of a long series: the extremes of each stretch, so that no peak is lost."""
+    if values.size <= _MOST_POINTS:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, _MOST_POINTS // 2 + 1).astype(int)
+    filled = np.nan_to_num(values)
+    keep = {0, values.size - 1} | set(np.flatnonzero(~np.isfinite(values))[: _MOST_POINTS // 4].tolist())
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        keep.update((start + int(np.argmin(filled[start:stop])), start + int(np.argmax(filled[start:stop]))))
+    return np.array(sorted(keep))
+
+
+def status_spans(frame: Frame) -> list[tuple[str, float, float]]:
+    """Stretches of time that are not `tracked`: status, left and right edge on the scale of the chart."""
+    if frame.time.size == 1:
+        return [] if frame.status[0] == "tracked" else [(str(frame.status[0]), 0.0, _BOX)]
+    x = positions(frame.time, *time_range(frame.time))
+    middle = (x[1:] + x[:-1]) / 2
+    left, right = np.concatenate([[0.0], middle]), np.concatenate([middle, [_BOX]])
+    change = np.flatnonzero(frame.status[1:] != frame.status[:-1]) + 1
+    starts, stops = np.concatenate([[0], change]), np.concatenate([change, [frame.time.size]])
+    return [
+        (str(frame.status[i]), float(left[i]), float(right[j - 1]))
+        for i, j in zip(starts, stops, strict=True)
+        if frame.status[i] != "tracked"
+    ]
+
+
+def tick_values(low: float, high: float, count: int) -> Float[np.ndarray, " k"]:
+    """About `count` round values (1, 2 or 5 times a power of ten apart) between two limits.
+
+    >>> tick_values(-3.0, 11.0, 4).tolist()
+    [0.0, 5.0, 10.0]
+    """
+    raw = (high - low) / count
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= raw * (1 - 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return np.arange(first, last + 1) * step
+
+
+def padded_limits(*values: np.ndarray, least: float, zero: bool = False) -> tuple[float, float]:
+    """Limits that hold all finite values with 6 % to spare, at least `least` apart; from 0 if `zero`."""
+    finite = np.concatenate([array[np.isfinite(array)] for array in values])
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    if zero:
+        return 0.0, max(high * 1.06, least)
+    spare = max(0.06 * (high - low), (least - (high - low)) / 2)
+    return low - spare, high + spare
+
+
+def _short(value: float) -> str:
+    text = f"{value:.1f}"
+    return text[:-2] if text.endswith(".0") else text
+
+
+def _digits(values: Float[np.ndarray, " k"]) -> int:
+    """Decimals needed to tell neighbouring ticks apart."""
+    if values.size < 2:
+        return 1
+    return max(0, -math.floor(math.log10(float(values[1] - values[0])) + 1e-9))
+
+
+def _minus(value: float, digits: int) -> str:
+    """A number with a typographic minus sign and no negative zero."""
+    return f"{value + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")

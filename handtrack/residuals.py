@@ -1,0 +1,201 @@
+"""Features and a pose in, stacked residuals in units of their sigma and the Jacobian out: what `solve` minimises.
+
+Two kinds behind one interface, each a function of the independent joints u that returns `(r, J)`:
+
+- `OutlineFeatures`: every edge point against the silhouette of its link, along the normal. The residual is the clearance
+  of the edge point's ray from the pill, zero exactly on the silhouette in either projection, turned into pixels. By the
+  envelope theorem its derivative is that of the nearest axis point along the normal: where on the pill the ray touches
+  changes with the pose, but to first order the distance does not notice.
+- `LineFeatures`: the thesis's tips, eq. (3.1), and points of each link against its axial line, eq. (3.2), with (3.7), (3.8).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from . import _kernels
+from .camera import Camera, camera_from_world, project_with_jacobian, rays
+from .kinematics import Model, forward, joints_below, link_ends, point_jacobian, pose_from_free
+from .pills import Pills, clearance
+
+Residual = Callable[[Float[np.ndarray, " k"]], tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlineFeatures:
+    """Edge points as rays.
+
+    Attributes
+    ----------
+    ray, ray_slope : (n, 6)
+        Origin and direction, in camera axes, of the ray through each point, and their change for one pixel outwards.
+    link : (n,)
+        Link whose silhouette the point lies on.
+    sigma : (n,)
+        Standard deviation along the normal, pixels.
+    """
+
+    ray: Float[np.ndarray, "n 6"]
+    ray_slope: Float[np.ndarray, "n 6"]
+    link: Int[np.ndarray, " n"]
+    sigma: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineFeatures:
+    """Axial lines and tips in the image.
+
+    Attributes
+    ----------
+    line_link, line : (n,), (n, 3)
+        Link and `[a, b, rho]` of its axial line `a x + b y = rho`, pixels.
+    along : (n, 2)
+        Two axial positions s in [0, 1] whose projections should lie on the line.
+    line_sigma : (n, 2)
+        Standard deviation of the line at these positions, pixels.
+    tip_link, tip, tip_sigma : (m,), (m, 2), (m,)
+        Link, position and standard deviation of each tip's cap centre, pixels.
+    """
+
+    line_link: Int[np.ndarray, " n"]
+    line: Float[np.ndarray, "n 3"]
+    along: Float[np.ndarray, "n 2"]
+    line_sigma: Float[np.ndarray, "n 2"]
+    tip_link: Int[np.ndarray, " m"]
+    tip: Float[np.ndarray, "m 2"]
+    tip_sigma: Float[np.ndarray, " m"]
+
+
+def outline_features(
+    camera: Camera,
+    xy: Float[np.ndarray, "n 2"],
+    direction: Float[np.ndarray, "n 2"],
+    link: Int[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+) -> OutlineFeatures:
+    """Edge points in pixels, with the outward unit vectors of their samplers, as rays."""
+    ray = np.hstack(rays(camera, xy))
+    ahead = np.hstack(rays(camera, xy + 0.5 * direction))
+    behind = np.hstack(rays(camera, xy - 0.5 * direction))
+    return OutlineFeatures(ray, ahead - behind, link, sigma)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """What the kernels need of a model and a camera, laid out once."""
+
+    model: Model
+    camera: Camera
+    moves: Bool[np.ndarray, "f j"]
+    joint_frame: Int[np.ndarray, " j"]
+
+
+def chain(model: Model, camera: Camera) -> Chain:
+    """Prepare a model seen by a camera."""
+    joint_frame = np.empty(len(model.joint_names), dtype=np.int64)
+    moved = np.flatnonzero(model.joint >= 0)
+    joint_frame[model.joint[moved]] = moved
+    return Chain(model, camera, joints_below(model), joint_frame)
+
+
+def outline_residuals(
+    on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+    """Signed distances of edge points from the silhouette in units of sigma (positive outside), and their Jacobian."""
+    model, camera = on.model, on.camera
+    frames = forward(model, pose_from_free(model, u))
+    r = np.empty(features.link.size)
+    J = np.empty((features.link.size, len(model.joint_names)))
+    _kernels.outline_rows(
+        features.ray,
+        features.ray_slope,
+        features.link,
+        features.sigma,
+        frames,
+        model.link_frame,
+        model.link_length,
+        model.link_radius,
+        camera.R,
+        camera.t,
+        on.moves,
+        on.joint_frame,
+        model.prismatic,
+        r,
+        J,
+    )
+    return r, J @ model.coupling
+
+
+def outline_residuals_numpy(
+    on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+    """The same as `outline_residuals` in plain NumPy: the twin of the compiled kernel."""
+    model, camera = on.model, on.camera
+    frames = forward(model, pose_from_free(model, u))
+    base, tip = link_ends(model, frames)
+    pills = Pills(camera_from_world(camera, base), camera_from_world(camera, tip), model.link_radius)
+    seen = clearance(pills, features.link, features.ray[:, :3], features.ray[:, 3:])
+    spread = features.ray_slope[:, :3] + seen.depth[:, None] * features.ray_slope[:, 3:]
+    per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
+    point = base[features.link] + seen.along[:, None] * (tip - base)[features.link]
+    moved = point_jacobian(model, frames, model.link_frame[features.link], point)
+    J = -((seen.normal @ camera.R)[:, None, :] @ moved)[:, 0, :]
+    scale = 1.0 / (per_pixel * features.sigma)
+    return seen.distance * scale, (J * scale[:, None]) @ model.coupling
+
+
+def line_residuals(
+    on: Chain, features: LineFeatures, u: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+    """Tip residuals (two for each tip) and link residuals (two for each line) in units of sigma, and their Jacobian."""
+    model = on.model
+    frames = forward(model, pose_from_free(model, u))
+    base, tip = link_ends(model, frames)
+    link = np.repeat(features.line_link, 2)
+    along = features.along.reshape(-1, 1)
+    points = np.concatenate([tip[features.tip_link], base[link] + along * (tip - base)[link]])
+    frame = model.link_frame[np.concatenate([features.tip_link, link])]
+    xy, d_xy = project_with_jacobian(on.camera, points)
+    J = d_xy @ point_jacobian(model, frames, frame, points)
+    m = features.tip_link.size
+    r_tip = (xy[:m] - features.tip) / features.tip_sigma[:, None]
+    J_tip = J[:m] / features.tip_sigma[:, None, None]
+    line = np.repeat(features.line, 2, axis=0)
+    sigma = features.line_sigma.reshape(-1)
+    r_line = ((line[:, :2] * xy[m:]).sum(axis=1) - line[:, 2]) / sigma
+    J_line = (line[:, None, :2] @ J[m:])[:, 0, :] / sigma[:, None]
+    stacked = np.concatenate([J_tip.reshape(-1, J.shape[-1]), J_line])
+    return np.concatenate([r_tip.reshape(-1), r_line]), stacked @ model.coupling
+
+
+def with_prior(
+    residual: Residual, mean: Float[np.ndarray, " k"], whitener: Float[np.ndarray, "k k"]
+) -> Residual:
+    """Append the prediction as residuals `whitener @ (u - mean)`, where `whitener.T @ whitener` is its information."""
+
+    def stacked(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        r, J = residual(u)
+        return np.concatenate([r, whitener @ (u - mean)]), np.concatenate([J, whitener])
+
+    return stacked
+
+
+def robust(residual: Residual, scale: float = 1.0, c: float = 2.385) -> Residual:
+    """The same residuals under Cauchy's loss, written as plain least squares.
+
+    `r' = c sqrt(log(1 + z^2))` with `z = r / (c scale)` and the sign of r: its half square is Cauchy's loss, so every
+    solver for sums of squares minimises the robust cost. c = 2.385 keeps 95 % efficiency for normal errors (Holland and
+    Welsch 1977).
+    """
+
+    def softened(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        r, J = residual(u)
+        z = r / (c * scale)
+        z2 = z * z
+        size = np.sqrt(np.log1p(z2))
+        slope = np.where(np.abs(z) > 1e-6, np.abs(z) / np.maximum((1.0 + z2) * size, 1e-300), 1.0)
+        return c * np.sign(z) * size, J * (slope / scale)[:, None]
+
+    return softened

@@ -1,0 +1,177 @@
+"""Samplers and posed pills in, what each profile should look like and which of its samples may be compared out.
+
+A template is rendered at the present pose: a ray through every sample, shaded by the learnt appearance, blurred like a pixel
+and a linear interpolation blur an edge. The same rays tell the window: samples of the own finger inwards, samples of one
+and the same surface (or the background) outwards, each up to the first change and less a margin for the error of the pose.
+So the order of the links is found for every sample, also where a mean depth orders them wrongly (hand thesis, Figure 4.16).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from . import _kernels
+from .appearance import Appearance, shade_numpy
+from .camera import Camera, pixels_per_unit, rays
+from .pills import Pills, ray_hits_numpy
+from .profiles import Samplers
+
+EXPECTED, HIDDEN, JOINT = 0, 1, 2
+MARGIN = 1.5  # pixels kept free where another surface begins
+_BLUR = 0.5  # standard deviation, pixels: a box of one pixel and a linear interpolation, sqrt(1/12 + 1/6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Templates:
+    """Expected profiles at positions u.
+
+    Attributes
+    ----------
+    values, visible : (n, m)
+        Grey levels, and the window function.
+    parts : (n, 2, m)
+        Share of the own finger in each sample, and that share times the cosine between its normal and the line of sight.
+    state : (n,)
+        EXPECTED, HIDDEN (another finger is in front) or JOINT (the surface goes on: no depth step, no edge).
+    """
+
+    u: Float[np.ndarray, " m"]
+    values: Float[np.ndarray, "n m"]
+    parts: Float[np.ndarray, "n 2 m"]
+    visible: Bool[np.ndarray, "n m"]
+    state: Int[np.ndarray, " n"]
+
+
+def positions(inwards: float, outwards: float, step: float) -> Float[np.ndarray, " m"]:
+    """Positions along a sampler; the edge at 0 falls between two of them.
+
+    >>> positions(1.0, 0.5, 0.5).tolist()
+    [-0.75, -0.25, 0.25]
+    """
+    return (np.arange(-round(inwards / step), round(outwards / step)) + 0.5) * step
+
+
+def _sampler_rays(samplers: Samplers, camera: Camera) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
+    """Ray (origin, direction) at u = 0 and its change for each pixel along the sampler."""
+    middle = np.hstack(rays(camera, samplers.origin))
+    ahead = np.hstack(rays(camera, samplers.origin + samplers.direction))
+    behind = np.hstack(rays(camera, samplers.origin - samplers.direction))
+    return middle, 0.5 * (ahead - behind)
+
+
+def _depth_step(samplers: Samplers, pills: Pills, camera: Camera) -> Float[np.ndarray, " n"]:
+    """Depth that must lie between two surfaces of one finger for an edge to be seen: a quarter of the link's radius."""
+    step = 0.25 * pills.radius[samplers.link].mean(axis=1)
+    # Rays advance by depth; on the tangent the surface falls away, so allow at least what two pixels see of it.
+    return np.maximum(step, 2.0 / pixels_per_unit(camera, samplers.contact))
+
+
+def _blur_kernel(step: float) -> Float[np.ndarray, " b"]:
+    reach = int(np.ceil(3.0 * _BLUR / step))
+    x = np.arange(-reach, reach + 1) * step
+    weight = np.exp(-0.5 * (x / _BLUR) ** 2)
+    return weight / weight.sum()
+
+
+def expect(
+    samplers: Samplers,
+    pills: Pills,
+    finger: Int[np.ndarray, " l"],
+    camera: Camera,
+    appearance: Appearance,
+    inwards: float = 12.0,
+    outwards: float = 6.0,
+    step: float = 0.5,
+) -> Templates:
+    """Rendered templates, windows and states of outline samplers.
+
+    Parameters
+    ----------
+    finger : (l,)
+        Finger of each link; links of one finger do not hide one another unless there is a depth step.
+    inwards, outwards, step : float
+        Length of the window on either side of the edge, and distance of its samples, pixels.
+    """
+    u = positions(inwards, outwards, step)
+    ray0, ray1 = _sampler_rays(samplers, camera)
+    shape = (samplers.link.size, u.size)
+    values, visible = np.empty(shape), np.empty(shape, dtype=np.bool_)
+    parts = np.empty((shape[0], 2, shape[1]))
+    state = np.empty(samplers.link.size, dtype=np.int64)
+    _kernels.expect_profiles(
+        ray0,
+        ray1,
+        u,
+        pills.base,
+        pills.tip,
+        pills.radius,
+        finger,
+        samplers.link,
+        _depth_step(samplers, pills, camera),
+        appearance.shading,
+        appearance.gain,
+        appearance.background,
+        _blur_kernel(step),
+        int(round(MARGIN / step)),
+        values,
+        parts,
+        visible,
+        state,
+    )
+    return Templates(u, values, parts, visible, state)
+
+
+def expect_numpy(
+    samplers: Samplers,
+    pills: Pills,
+    finger: Int[np.ndarray, " l"],
+    camera: Camera,
+    appearance: Appearance,
+    inwards: float = 12.0,
+    outwards: float = 6.0,
+    step: float = 0.5,
+) -> Templates:
+    """The same as `expect` in plain NumPy: the twin of the compiled kernel."""
+    u = positions(inwards, outwards, step)
+    n, m, mid = samplers.link.size, u.size, int(np.searchsorted(u, 0.0))
+    ray0, ray1 = _sampler_rays(samplers, camera)
+    ray = (ray0[:, None, :] + u[None, :, None] * ray1[:, None, :]).reshape(-1, 6)
+    hits = ray_hits_numpy(pills, ray[:, :3], ray[:, 3:])
+    raw = shade_numpy(appearance, hits.normal, hits.pill).reshape(n, m)
+    depth, group = hits.t.reshape(n, m), np.where(hits.pill >= 0, finger[hits.pill], -1).reshape(n, m)
+    jump = _depth_step(samplers, pills, camera)
+    own = finger[samplers.link]
+    cover = (group == own[:, None]) & (np.arange(m) < mid)
+    cosine = -(hits.normal * ray[:, 3:]).sum(axis=1) / np.linalg.norm(ray[:, 3:], axis=1)
+    values = _blurred(raw, step)
+    parts = np.stack([_blurred(1.0 * cover, step), _blurred(cover * cosine.reshape(n, m), step)], axis=1)
+    inner, outer = mid - 2, mid + 1
+    with np.errstate(invalid="ignore"):
+        rise = depth[:, outer] - depth[:, inner]
+        other = (group[:, outer] >= 0) & (group[:, outer] != own) & (rise < 0)
+        state = np.where((group[:, inner] != own) | other, HIDDEN, EXPECTED)
+        state[(state == EXPECTED) & (group[:, outer] == own) & (rise < jump)] = JOINT
+        steady = (group[:, :-1] == own[:, None]) & (np.abs(np.diff(depth, axis=1)) < jump[:, None])
+    visible = np.zeros((n, m), dtype=bool)
+    margin = int(round(MARGIN / step))
+    inwards = np.logical_and.accumulate(steady[:, : mid - 1][:, ::-1], axis=1)[:, ::-1]
+    visible[:, mid - 1 : mid + 1] = True
+    visible[:, : mid - 1] = inwards
+    outwards = np.logical_and.accumulate(group[:, mid + 1 :] == group[:, outer, None], axis=1)
+    visible[:, mid + 1 :] = outwards
+    index = np.arange(m)
+    first = mid - 1 - inwards.sum(axis=1)
+    last = mid + outwards.sum(axis=1)
+    cut_low = (first > 0)[:, None] & (index >= first[:, None]) & (index < np.minimum(first + margin, mid - 2)[:, None])
+    low = np.maximum(last - margin, mid + 1)
+    cut_high = (last < m - 1)[:, None] & (index > low[:, None]) & (index <= last[:, None])
+    visible &= ~cut_low & ~cut_high & (state == EXPECTED)[:, None]
+    return Templates(u, values, parts, visible, state)
+
+
+def _blurred(rows: Float[np.ndarray, "n m"], step: float) -> Float[np.ndarray, "n m"]:
+    kernel = _blur_kernel(step)
+    reach = kernel.size // 2
+    padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel

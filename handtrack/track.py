@@ -1,0 +1,48 @@
+"""What tracking returns: for every frame a pose, how sure it is, and what it rests on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+TRACKED, UNCERTAIN, LOST = "tracked", "uncertain", "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Poses over time, radians (model units for prismatic joints).
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Order of the joints in every array here.
+    frame, time : (n,)
+        Frame number and time in seconds.
+    q, sigma, covariance : (n, j), (n, j), (n, j, j)
+        Estimated joint values with their standard deviations and covariance.
+    status : (n,)
+        'tracked', 'uncertain' or 'lost'.
+    confidence : (n,)
+        0 to 1.
+    residual : (n,)
+        Root mean square distance of the accepted edge points from the model's outline, pixels.
+    visible : (n, l)
+        Visible share of each link, 0 to 1.
+    edges : (n,)
+        Number of accepted edge points.
+    seconds : (n,)
+        Computing time of the frame, image reading apart.
+    """
+
+    joint_names: tuple[str, ...]
+    frame: Int[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    q: Float[np.ndarray, "n j"]
+    sigma: Float[np.ndarray, "n j"]
+    covariance: Float[np.ndarray, "n j j"]
+    status: Shaped[np.ndarray, " n"]
+    confidence: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+    visible: Float[np.ndarray, "n l"]
+    edges: Int[np.ndarray, " n"]
+    seconds: Float[np.ndarray, " n"]
