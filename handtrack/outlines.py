@@ -80,7 +80,7 @@ def rims(pills: Pills, camera: Camera, n_arc: int = 24) -> Float[np.ndarray, "l 
         + np.sin(angle)[..., None] * side[:, :, None]
     )
     if not camera.distortion.any():
-        return arcs.reshape(arcs.shape[0], -1, 3)
+        return arcs.reshape(arcs.shape[0], 2 * n_arc, 3)
     step = np.linspace(0.0, 1.0, n_arc + 2)[1:-1, None]
     there, back = (a + step * (b - a) for a, b in ((arcs[:, 0, -1:], arcs[:, 1, :1]), (arcs[:, 1, -1:], arcs[:, 0, :1])))
     return np.concatenate([arcs[:, 0], there, arcs[:, 1], back], axis=1)
@@ -221,10 +221,10 @@ def _ring_faces(n_rings: int, n_around: int) -> Int[np.ndarray, "f 3"]:
     low = (np.arange(n_rings - 1) * n_around)[:, None]
     a, b = low + here, low + after
     c, d = a + n_around, b + n_around
-    sides = np.stack([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]).reshape(-1, 3)
+    sides = np.stack([np.stack([a, b, c], axis=-1), np.stack([b, d, c], axis=-1)]).reshape(-1, 3)
     last, pole = (n_rings - 1) * n_around, n_rings * n_around
-    base = np.stack([np.full(n_around, pole), here, after], axis=-1)
-    tip = np.stack([np.full(n_around, pole + 1), last + after, last + here], axis=-1)
+    base = np.stack([np.full(n_around, pole), after, here], axis=-1)
+    tip = np.stack([np.full(n_around, pole + 1), last + here, last + after], axis=-1)
     return np.concatenate([sides, base, tip])
 
 

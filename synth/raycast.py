@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from handtrack.camera import Camera, distort, rays
-from handtrack.pills import Pills, ray_hits_numpy
+from handtrack.pills import Pills
 
 from . import _kernels
 
@@ -45,15 +45,6 @@ def pixel_grid(camera: Camera) -> Float[np.ndarray, "hp wp 2"]:
     grid = np.ascontiguousarray(flat).reshape(*u.shape, 2)
     grid.flags.writeable = False
     return grid
-
-
-def ray_arrays(
-    camera: Camera, xy: Float[np.ndarray, "n 2"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Origins and directions of the rays with the given normalised coordinates."""
-    across = np.column_stack([xy, np.zeros(xy.shape[0])])
-    ahead = np.tile([0.0, 0.0, 1.0], (xy.shape[0], 1))
-    return (across, ahead) if camera.kind == "orthographic" else (np.zeros_like(across), across + ahead)
 
 
 def pill_boxes(pills: Pills, camera: Camera) -> Int[np.ndarray, "l 4"]:
@@ -97,12 +88,80 @@ def _pixel_bounds(
     return bent.min(axis=1) - spare, bent.max(axis=1) + spare
 
 
-def kernel_pills(
-    pills: Pills,
-) -> tuple[Float[np.ndarray, "l 3"], Float[np.ndarray, "l 3"], Float[np.ndarray, "l 2"]]:
-    """Axis bases, tips and radii as the contiguous arrays that the kernels take."""
-    base, tip, radius = (np.ascontiguousarray(a, dtype=float) for a in (pills.base, pills.tip, pills.radius))
-    return base, tip, radius
+def pill_table(pills: Pills) -> Float[np.ndarray, "l 11"]:
+    """Rows (base, unit axis, length, base radius, tip radius, slope s, 1 - s^2) with s = (base - tip radius) / length.
+
+    A pill of which one end sphere holds the other is that sphere: length and slope 0.
+    """
+    base, axis, radius = pills.base.copy(), pills.tip - pills.base, pills.radius.copy()
+    length = np.sqrt((axis * axis).sum(axis=1))
+    ball = length <= np.abs(radius[:, 0] - radius[:, 1])
+    tip_holds = ball & (radius[:, 1] > radius[:, 0])
+    base[tip_holds] = pills.tip[tip_holds]
+    radius[ball] = radius[ball].max(axis=1, keepdims=True)
+    divisor = np.where(ball, 1.0, length)
+    unit = np.where(ball[:, None], [1.0, 0.0, 0.0], axis / divisor[:, None])
+    slope = np.where(ball, 0.0, (radius[:, 0] - radius[:, 1]) / divisor)
+    return np.column_stack([base, unit, np.where(ball, 0.0, length), radius, slope, 1.0 - slope * slope])
+
+
+def pill_depth(
+    row: Float[np.ndarray, " 11"], pinhole: bool, xy: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """Depth of a pill's first point on rays through normalised coordinates, inf where missed: twin of `_kernels.pill_depth`.
+
+    The side is the cone that touches both spheres, |p - u y|^2 (1 - s^2) = (r0 - s y)^2 with y the coordinate of p along
+    the axis u, between the circles of contact y = r0 s and y = L + r1 s. On the ray o + t d this is a quadratic in t; its
+    smaller root enters the cone, and if it lies between the circles no point of the (convex) pill comes before it. Else the
+    pill is entered through one of its end spheres.
+    """
+    a, u, (length, r0, r1, s, c2) = row[:3], row[3:6], row[6:]
+    x, y = xy.T
+    mx, my, mz = (-a[0], -a[1], -a[2]) if pinhole else (x - a[0], y - a[1], -a[2])
+    dx, dy = (x, y) if pinhole else (0.0, 0.0)
+    dd, md, mm = dx * dx + dy * dy + 1.0, mx * dx + my * dy + mz, mx * mx + my * my + mz * mz
+    m_u, d_u = mx * u[0] + my * u[1] + mz * u[2], dx * u[0] + dy * u[1] + u[2]
+    w = r0 - s * m_u
+    qa, qb, qc = c2 * dd - d_u * d_u, c2 * (md - m_u * d_u) + s * d_u * w, c2 * (mm - m_u * m_u) - w * w
+    gap = qb * qb - qa * qc
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(gap)
+        side = np.where(qb <= 0.0, qc, -qb - root) / np.where(qb <= 0.0, root - qb, qa)
+        at = m_u + side * d_u
+        t = np.where((at >= r0 * s) & (at <= length + r1 * s), side, np.inf)
+        ends = np.fmin(_sphere_depth(dd, md, mm - r0 * r0), _sphere_depth(
+            dd, md - length * d_u, mm - 2.0 * length * m_u + length * length - r1 * r1
+        ))
+    ends = np.where(np.isnan(ends) | ((gap < 0.0) & (qa > 0.0)), np.inf, ends)
+    t = np.where(t < np.inf, t, ends)
+    return np.where(t > 0.0, t, np.inf) if pinhole else t
+
+
+def _sphere_depth(dd, md, c) -> Float[np.ndarray, " n"]:
+    """Smaller root of dd t^2 + 2 md t + c, NaN where there is none."""
+    return (-md - np.sqrt(md * md - dd * c)) / dd
+
+
+def pill_normal(
+    rows: Float[np.ndarray, "n 11"], p_cam: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Outward normals at surface points, each on the pill of its row: twin of `_kernels.pill_normal`.
+
+    The point at y along the axis is touched by the sphere of the pill with centre (y - r0 s) / (1 - s^2), kept on the axis.
+    """
+    p = p_cam - rows[:, :3]
+    u, length, r0, s, c2 = rows[:, 3:6], *rows[:, [6, 7, 9, 10]].T
+    axial = p[:, 0] * u[:, 0] + p[:, 1] * u[:, 1] + p[:, 2] * u[:, 2]
+    along = np.minimum(np.maximum((axial - r0 * s) / c2, 0.0), length)
+    return (p - along[:, None] * u) / (r0 - s * along)[:, None]
+
+
+def surface_points(
+    camera: Camera, xy: Float[np.ndarray, "n 2"], depth: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3"]:
+    """Points in camera axes from normalised coordinates and depth."""
+    scale = 1.0 if camera.kind == "orthographic" else depth[:, None]
+    return np.column_stack([xy * scale, depth])
 
 
 def _empty_buffers(camera: Camera) -> RenderBuffers:
@@ -135,7 +194,7 @@ def cast(pills: Pills, camera: Camera) -> RenderBuffers:
     _kernels.cast_pixels(
         pixel_grid(camera),
         camera.kind == "perspective",
-        kernel_pills(pills),
+        pill_table(pills),
         pill_boxes(pills, camera),
         buffers.depth,
         buffers.part,
@@ -146,33 +205,33 @@ def cast(pills: Pills, camera: Camera) -> RenderBuffers:
 
 def cast_numpy(pills: Pills, camera: Camera) -> RenderBuffers:
     """The same as `cast` in plain NumPy, one pill and its box after the other: the twin of `_kernels.cast_pixels`."""
-    buffers = _empty_buffers(camera)
-    grid = pixel_grid(camera)
+    buffers, table, grid = _empty_buffers(camera), pill_table(pills), pixel_grid(camera)
+    pinhole = camera.kind == "perspective"
     for k, (x0, x1, y0, y1) in enumerate(pill_boxes(pills, camera)):
-        if x0 >= x1 or y0 >= y1:
-            continue
-        xy = grid[y0 + 1 : y1 + 1, x0 + 1 : x1 + 1].reshape(-1, 2)
-        t, _, normal = first_hits(Pills(pills.base[k : k + 1], pills.tip[k : k + 1], pills.radius[k : k + 1]), camera, xy)
-        t = t.reshape(y1 - y0, x1 - x0)
+        t = pill_depth(table[k], pinhole, grid[y0 + 1 : y1 + 1, x0 + 1 : x1 + 1].reshape(-1, 2))
+        t = t.reshape(max(y1 - y0, 0), max(x1 - x0, 0))
         depth = buffers.depth[y0:y1, x0:x1]
-        nearer = t < depth
+        nearer = t < depth - _kernels.TIE
         depth[nearer] = t[nearer]
         buffers.part[y0:y1, x0:x1][nearer] = k
-        buffers.normal[y0:y1, x0:x1][nearer] = normal[nearer.ravel()]
+    seen = buffers.part >= 0
+    p_cam = surface_points(camera, grid[1:-1, 1:-1][seen], buffers.depth[seen])
+    buffers.normal[seen] = pill_normal(table[buffers.part[seen]], p_cam)
     return buffers
 
 
 def first_hits(
-    pills: Pills, camera: Camera, xy: Float[np.ndarray, "n 2"]
-) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """Depth, part and normal on rays given by normalised coordinates, plain NumPy; nothing behind a pinhole counts."""
-    origin, direction = ray_arrays(camera, xy)
-    depth, part, normal = np.full(xy.shape[0], np.inf), np.full(xy.shape[0], -1), np.zeros((xy.shape[0], 3))
-    for k in range(pills.base.shape[0]):
-        one = Pills(pills.base[k : k + 1], pills.tip[k : k + 1], pills.radius[k : k + 1])
-        hits = ray_hits_numpy(one, origin, direction)
-        nearer = (hits.t < depth) & ((hits.t > 0) | (camera.kind == "orthographic"))
-        depth = np.where(nearer, hits.t, depth)
-        part[nearer] = k
-        normal[nearer] = hits.normal[nearer]
-    return depth, part, normal
+    table: Float[np.ndarray, "l 11"],
+    camera: Camera,
+    xy: Float[np.ndarray, "n 2"],
+    chosen: Bool[np.ndarray, "n l"],
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Depth (inf) and part (-1 where missed) on rays, each tried against its chosen pills only; plain NumPy."""
+    depth, part = np.full(xy.shape[0], np.inf), np.full(xy.shape[0], -1)
+    for k in range(table.shape[0]):
+        tried = np.flatnonzero(chosen[:, k])
+        t = pill_depth(table[k], camera.kind == "perspective", xy[tried])
+        nearer = t < depth[tried] - _kernels.TIE
+        depth[tried[nearer]] = t[nearer]
+        part[tried[nearer]] = k
+    return depth, part

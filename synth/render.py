@@ -9,6 +9,8 @@ crossing is found by bisection (to 1/128 pixel) and both pieces are integrated b
 which places an edge far better than a regular grid of as many rays: that moves it in steps of its spacing.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -16,10 +18,21 @@ from handtrack.camera import Camera
 from handtrack.pills import Pills
 
 from . import _kernels
-from .raycast import RenderBuffers, cast, cast_numpy, first_hits, kernel_pills, pill_boxes, pixel_grid
+from .raycast import RenderBuffers, cast, cast_numpy, first_hits, pill_boxes, pill_normal, pill_table, pixel_grid, surface_points
 from .shading import Light, Look, Material, Mode, make_look, surface
 
 REC_601 = np.array([0.299, 0.587, 0.114])
+GAUSS = 0.5 / np.sqrt(3.0)  # offset of the two nodes from the middle of an interval of length 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgePixels:
+    """Pixels to integrate: column, row, whether lines run along x, and the pills seen in the neighbourhood."""
+
+    u: Int[np.ndarray, " n"]
+    v: Int[np.ndarray, " n"]
+    across: Bool[np.ndarray, " n"]
+    chosen: Bool[np.ndarray, "n l"]
 
 
 def render(
@@ -64,7 +77,7 @@ def render(
     _kernels.shade_pixels(
         pixel_grid(camera),
         camera.kind == "perspective",
-        kernel_pills(pills),
+        pill_table(pills),
         pill_boxes(pills, camera),
         buffers.depth,
         buffers.part,
@@ -153,15 +166,8 @@ def shade_numpy(
     out[even] = values[even[inside]]
     v, u = np.nonzero(edge)
     if v.size:
-        out[v, u] = integrate_numpy(pills, camera, look, albedo, (u, v), _across(keys, u, v), out[v, u].astype(float))
-
-
-def surface_points(
-    camera: Camera, xy: Float[np.ndarray, "n 2"], depth: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
-    """Points in camera axes from normalised coordinates and depth."""
-    scale = 1.0 if camera.kind == "orthographic" else depth[:, None]
-    return np.column_stack([xy * scale, depth])
+        pixels = EdgePixels(u, v, _across(keys, u, v), _neighbours(buffers.part, u, v, pills.base.shape[0]))
+        out[v, u] = integrate_numpy(pill_table(pills), camera, look, albedo, pixels, out[v, u].astype(float))
 
 
 def _across(
@@ -176,55 +182,69 @@ def _across(
     return votes >= 0
 
 
+def _neighbours(
+    part: Int[np.ndarray, "h w"], u: Int[np.ndarray, " n"], v: Int[np.ndarray, " n"], pills: int
+) -> Bool[np.ndarray, "n l"]:
+    """Which pills are seen by a pixel or one of its eight neighbours."""
+    padded = np.pad(part, 1, mode="edge")
+    seen = np.zeros((u.size, pills + 1), dtype=bool)
+    for dv in range(3):
+        for du in range(3):
+            seen[np.arange(u.size), padded[v + dv, u + du]] = True  # the background, -1, goes to the spare last column
+    return seen[:, :-1]
+
+
 def integrate_numpy(
-    pills: Pills,
+    table: Float[np.ndarray, "l 11"],
     camera: Camera,
     look: Look,
     albedo: Float[np.ndarray, "l c"],
-    pixel: tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]],
-    across: Bool[np.ndarray, " n"],
+    pixels: EdgePixels,
     background: Float[np.ndarray, "n c"],
 ) -> Float[np.ndarray, "n c"]:
-    """Mean of the image over pixels (u, v), by the rule above: the twin of `_kernels.integrate`."""
+    """Mean of the image over edge pixels, by the rule above: the twin of `_kernels.integrate`."""
     grid = pixel_grid(camera)
-    u, v = pixel[0] + 1, pixel[1] + 1
+    u, v, across = pixels.u + 1, pixels.v + 1, pixels.across[:, None]
     right, down = 0.5 * (grid[v, u + 1] - grid[v, u - 1]), 0.5 * (grid[v + 1, u] - grid[v - 1, u])
-    along, step = np.where(across[:, None], right, down), np.where(across[:, None], down, right)
+    along, step = np.where(across, right, down), np.where(across, down, right)
     total = np.zeros_like(background)
+    ends = np.full(u.size, -0.5), np.full(u.size, 0.5)
     for line in range(_kernels.LINES):
         start = grid[v, u] + ((line + 0.5) / _kernels.LINES - 0.5) * step
 
         def sample(at, start=start):
-            return _sample(pills, camera, look, start + np.reshape(at, (-1, 1)) * along)
+            return _sample(table, camera, look, start + at[:, None] * along, pixels.chosen)
 
-        cut = _crossing(sample, np.full(u.size, 0.5))
-        for low, high in ((np.full(u.size, -0.5), cut), (cut, np.full(u.size, 0.5))):
+        cut = _crossing(sample, *ends)
+        for low, high in ((ends[0], cut), (cut, ends[1])):
             for sign in (-1.0, 1.0):
-                pill, _, lit = sample(0.5 * (low + high) + sign * (high - low) * 0.28867513459481287)
+                pill, _, lit = sample(0.5 * (low + high) + sign * (high - low) * GAUSS)
                 value = np.where(pill[:, None] < 0, background, albedo[pill] * lit[:, :1] + lit[:, 1:])
                 total += (0.5 * (high - low) / _kernels.LINES)[:, None] * value
     return total
 
 
-def _crossing(sample, cut: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Where on its line from -1/2 to 1/2 each pixel's key first changes, by bisection; 1/2 where the ends agree."""
-    low, high = np.full(cut.size, -0.5), np.full(cut.size, 0.5)
-    first, last = sample(low)[1], sample(high)[1]
+def _crossing(sample, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Where on its line each pixel's key first changes, by bisection; its end where both ends agree."""
+    first, last, end = sample(low)[1], sample(high)[1], high
     for _ in range(_kernels.HALVINGS):
-        middle = 0.5 * (low + high)
-        same = sample(middle)[1] == first
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.where(first != last, 0.5 * (low + high), cut)
+        cut = 0.5 * (low + high)
+        same = sample(cut)[1] == first
+        low, high = np.where(same, cut, low), np.where(same, high, cut)
+    return np.where(first != last, 0.5 * (low + high), end)
 
 
 def _sample(
-    pills: Pills, camera: Camera, look: Look, xy: Float[np.ndarray, "n 2"]
+    table: Float[np.ndarray, "l 11"],
+    camera: Camera,
+    look: Look,
+    xy: Float[np.ndarray, "n 2"],
+    chosen: Bool[np.ndarray, "n l"],
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
     """Pill, key (-1 both on the background) and light on rays given by normalised coordinates."""
-    depth, part, normal = first_hits(pills, camera, xy)
+    depth, part = first_hits(table, camera, xy, chosen)
     inside = part >= 0
     key, lit = np.full(part.size, -1), np.zeros((part.size, 2))
-    key[inside], lit[inside] = surface(
-        look, camera, part[inside], surface_points(camera, xy[inside], depth[inside]), normal[inside]
-    )
+    p_cam = surface_points(camera, xy[inside], depth[inside])
+    key[inside], lit[inside] = surface(look, camera, part[inside], p_cam, pill_normal(table[part[inside]], p_cam))
     return part, key, lit

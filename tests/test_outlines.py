@@ -145,7 +145,7 @@ def test_sphere_off_the_axis_is_seen_as_an_ellipse_not_a_circle():
     wide, high = np.ptp(slope, axis=0)
     middle, half = np.arctan2(100.0, 200.0), np.arcsin(30.0 / np.hypot(100.0, 200.0))
     assert wide == pytest.approx(np.tan(middle + half) - np.tan(middle - half), rel=1e-3)
-    assert wide > 1.15 * high
+    assert wide > 1.1 * high
 
 
 @pytest.mark.parametrize("depth", [-50.0, 0.0, 8.0])

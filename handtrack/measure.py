@@ -1,0 +1,111 @@
+"""One look at an image: a pose to look from in, edge points ready for the solver out.
+
+Samplers are placed on the outline of the posed model, templates and windows rendered for them, profiles taken from the
+image, and edges searched as far out as the covariance of the pose says they may be.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .appearance import Appearance
+from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
+from .kinematics import forward, pose_from_free
+from .pills import Pills, pose_pills
+from .profiles import Profiles, Samplers, place_outline, sample
+from .residuals import Chain, OutlineFeatures, outline_features, outline_residuals
+from .settings import Settings
+from .templates import Templates, expect, positions
+
+_LEAST_REACH, _MOST_REACH = 2.5, 60.0  # pixels
+_COARSE = 14.0  # pixels of reach beyond which samples are a pixel apart
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Everything one pass saw.
+
+    Attributes
+    ----------
+    reach : (n,)
+        How far from the predicted edge each sampler searched, pixels.
+    expected, found : (n,)
+        Samplers that should show an edge, and those that do.
+    features : OutlineFeatures
+        The found edges, for the residuals.
+    """
+
+    pills: Pills
+    samplers: Samplers
+    templates: Templates
+    profiles: Profiles
+    edges: EdgePoints
+    reach: Float[np.ndarray, " n"]
+    expected: Bool[np.ndarray, " n"]
+    found: Bool[np.ndarray, " n"]
+    features: OutlineFeatures
+
+
+def posed(on: Chain, u: Float[np.ndarray, " k"]) -> Pills:
+    """Pills in camera axes at the independent joint values u."""
+    return pose_pills(on.model, forward(on.model, pose_from_free(on.model, u)), on.camera)
+
+
+def look(
+    image: Float[np.ndarray, "h w"],
+    on: Chain,
+    u: Float[np.ndarray, " k"],
+    covariance: Float[np.ndarray, "k k"],
+    appearance: Appearance,
+    settings: Settings,
+    widen: float = 1.0,
+) -> Look:
+    """Search the outline's edges around the pose u.
+
+    Parameters
+    ----------
+    u, covariance : (k,), (k, k)
+        Pose to look from, and how far off it may be; the search reaches three sigmas, times `widen`.
+    """
+    pills = posed(on, u)
+    samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing)
+    spread = _predicted_spread(on, samplers, u, covariance)
+    reach = np.clip(widen * (3.0 * spread + 1.0), _LEAST_REACH, _MOST_REACH)
+    farthest = float(reach.max(initial=_LEAST_REACH))
+    step = 0.5 if farthest <= _COARSE else 1.0
+    inwards, outwards = (12.0, 6.0) if step == 0.5 else (14.0, 8.0)
+    templates = expect(samplers, pills, on.model.link_finger, on.camera, appearance, inwards, outwards, step)
+    margin = np.ceil(farthest / step) * step
+    profiles = sample(image, samplers, positions(inwards + margin, outwards + margin, step), settings.interpolation)
+    edges = find_edges(samplers, templates, profiles, reach, widen * spread + 0.5, appearance.noise, appearance.spread)
+    found = edges.reason == FOUND
+    expected = ~np.isin(edges.reason, (HIDDEN, JOINT, OUTSIDE))
+    features = outline_features(
+        on.camera, edges.xy[found], samplers.direction[found], samplers.link[found], edges.sigma[found]
+    )
+    return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
+
+
+def _predicted_spread(
+    on: Chain, samplers: Samplers, u: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]
+) -> Float[np.ndarray, " n"]:
+    """Standard deviation of every predicted edge, pixels, from the covariance of the pose."""
+    at = outline_features(on.camera, samplers.origin, samplers.direction, samplers.link, np.ones(samplers.link.size))
+    _, J = outline_residuals(on, at, u)
+    return np.sqrt(np.maximum(((J @ covariance) * J).sum(axis=1), 0.0))
+
+
+def visible_share(
+    pills: Pills, samplers: Samplers, edges: EdgePoints, links: int
+) -> Float[np.ndarray, " l"]:
+    """Share of each link's outline, joints with its neighbours apart, that no other finger hides."""
+    free = edges.reason != JOINT
+    hidden = np.bincount(samplers.link[free & (edges.reason == HIDDEN)], minlength=links)
+    total = np.bincount(samplers.link[free], minlength=links)
+    return np.where(total > 0, 1.0 - hidden / np.maximum(total, 1), 0.0)
+
+
+def link_counts(link: Int[np.ndarray, " n"], links: int) -> Int[np.ndarray, " l"]:
+    """Number of entries for each link."""
+    return np.bincount(link, minlength=links)

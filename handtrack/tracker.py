@@ -1,0 +1,213 @@
+"""The hand loop: images in, a track out. One step reads like the picture of the method:
+
+    predict -> (look -> solve) until the pose rests -> learn the appearance -> filter
+"""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .appearance import Appearance, learn
+from .camera import Camera
+from .kinematics import Model
+from .measure import Look, look, posed, visible_share
+from .process_noise import process_from_innovations
+from .residuals import Chain, chain, outline_residuals, robust, with_prior
+from .robust import cauchy_weight
+from .settings import Settings
+from .smooth import KalmanState, predict_frozen, start, update
+from .solve import solve
+from .track import LOST, TRACKED, UNCERTAIN, Track
+
+_REST = 0.05  # largest motion of an edge, in pixels, at which a pass ends the frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """What the tracker carries from frame to frame.
+
+    Attributes
+    ----------
+    motion : KalmanState
+        Independent joints and their velocities.
+    psd : (k,)
+        Spectral density of each joint's acceleration.
+    frozen : (k,)
+        Joints that the last frame had no evidence of.
+    scale : float
+        Running factor between claimed and real scatter of the edges.
+    """
+
+    motion: KalmanState
+    psd: Float[np.ndarray, " k"]
+    frozen: Bool[np.ndarray, " k"]
+    appearance: Appearance | None
+    scale: float
+    frames: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """One frame's result, in independent joints."""
+
+    u: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+    information: Float[np.ndarray, "k k"]
+    seen: Look
+    residual: float
+    scale: float
+
+
+def track(
+    frames: Iterable[Float[np.ndarray, "h w"]],
+    model: Model,
+    camera: Camera,
+    start_pose: Float[np.ndarray, " j"],
+    fps: float = 25.0,
+    settings: Settings | None = None,
+    times: Sequence[float] | Float[np.ndarray, " n"] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Track:
+    """Track a model through images.
+
+    Parameters
+    ----------
+    frames : iterable of (h, w) arrays
+        Grey levels 0 to 255.
+    start_pose : (j,)
+        Joint values in the first frame, radians; a few degrees off is fine.
+    fps, times : float, (n,)
+        Frame rate, or the time of each frame in seconds.
+    progress : callable
+        Called with the number of frames done.
+
+    Raises
+    ------
+    ValueError
+        For a start pose of the wrong length, or no frame at all.
+    """
+    settings = settings or Settings()
+    if start_pose.shape != (len(model.joint_names),):
+        raise ValueError(f"start_pose: got {start_pose.size} values, model '{model.name}' has {len(model.joint_names)} joints")
+    on = chain(model, camera)
+    state = begin(on, start_pose, fps, settings)
+    rows = []
+    last = None
+    for number, image in enumerate(frames):
+        now = float(times[number]) if times is not None else number / fps
+        begun = time.perf_counter()
+        state, estimate = step(state, image, on, 0.0 if last is None else now - last, fps, settings)
+        rows.append((number, now, estimate, state, time.perf_counter() - begun))
+        last = now
+        if progress is not None:
+            progress(number + 1)
+    if not rows:
+        raise ValueError("frames: there is no image to track")
+    return _collect(on, rows)
+
+
+def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: Settings) -> State:
+    """State before the first frame: the start pose, unknown velocities."""
+    u = start_pose[on.model.free]
+    motion = start(u, np.eye(u.size) * settings.start_sigma**2, sigma_velocity=settings.start_speed * fps)
+    psd = np.full(u.size, (np.radians(2.0) * fps) ** 2 * fps)
+    return State(motion, psd, np.zeros(u.size, dtype=bool), None, 1.0, 0)
+
+
+def step(
+    state: State, image: Float[np.ndarray, "h w"], on: Chain, dt: float, fps: float, settings: Settings
+) -> tuple[State, Estimate]:
+    """One frame: predict, look and solve until the pose rests, learn, filter."""
+    motion = state.motion
+    if dt > 0.0:
+        motion = predict_frozen(motion, dt, state.psd, state.frozen, np.radians(1.0) * np.sqrt(fps))
+    appearance = state.appearance or learn(image, posed(on, motion.q), on.camera)
+    estimate = _estimate(image, on, motion, appearance, state, settings)
+    appearance = learn(image, posed(on, estimate.u), on.camera, appearance)
+    if state.appearance is None:  # the first templates were learnt at a pose that was only supposed
+        estimate = _estimate(image, on, motion, appearance, state, settings, estimate.u)
+        appearance = learn(image, posed(on, estimate.u), on.camera, appearance)
+    prior = motion.covariance
+    frozen = np.diag(estimate.covariance) > 0.7 * np.diag(prior)
+    z, R = _as_measurement(estimate, motion)
+    motion, innovation, S = update(motion, z, R)
+    psd = process_from_innovations(state.psd, np.where(frozen, np.nan, innovation), S, R) if dt > 0.0 else state.psd
+    return State(motion, psd, frozen, appearance, estimate.scale, state.frames + 1), estimate
+
+
+def _estimate(
+    image: Float[np.ndarray, "h w"],
+    on: Chain,
+    motion: KalmanState,
+    appearance: Appearance,
+    state: State,
+    settings: Settings,
+    first: Float[np.ndarray, " k"] | None = None,
+) -> Estimate:
+    """Look and solve in turn until the pose rests."""
+    prior = motion.covariance
+    whitener = np.linalg.cholesky(np.linalg.inv(prior)).T
+    u, search, scale = motion.q if first is None else first, prior, state.scale
+    limits = on.model.limits[on.model.free]
+    bounds = limits if np.isfinite(limits).any() else None
+    passes = settings.passes + (4 if state.frames < 3 else 0)
+    for number in range(passes):
+        seen = look(image, on, u, search, appearance, settings)
+        features = seen.features
+        if features.link.size < 3:
+            search = search * 4.0
+            continue
+        r0, _ = outline_residuals(on, features, u)
+        spread = max(1.0, 1.4826 * float(np.median(np.abs(r0))))
+
+        for rescale in range(2):
+            fun = with_prior(robust(lambda x: outline_residuals(on, features, x), spread), motion.q, whitener)
+            solution = solve(fun, u if rescale == 0 else solution.x, bounds=bounds, max_steps=8, tolerance=1e-6)
+            r, J = outline_residuals(on, features, solution.x)
+            spread = max(1.0, 1.4826 * float(np.median(np.abs(r))))
+        moved = np.abs(J @ (solution.x - u)) * features.sigma
+        u = solution.x
+        weight = cauchy_weight(r / spread)
+        information = (J * weight[:, None]).T @ J / spread**2
+        search = np.linalg.inv(information + np.linalg.inv(prior)) * 2.0
+        if number > 0 and moved.max() < _REST:
+            break
+    covariance = np.linalg.inv(information + np.linalg.inv(prior))
+    pixels = float(np.sqrt(np.mean((r * features.sigma) ** 2)))
+    return Estimate(u, covariance, information, seen, pixels, spread)
+
+
+def _as_measurement(
+    estimate: Estimate, motion: KalmanState
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+    """The measurement that, with the prediction as prior, gives this estimate."""
+    floor = np.radians(60.0) ** -2
+    R = np.linalg.inv(estimate.information + floor * np.eye(estimate.u.size))
+    prior = np.linalg.inv(motion.covariance)
+    return estimate.u + R @ (prior @ (estimate.u - motion.q)), R
+
+
+def _collect(on: Chain, rows: list) -> Track:
+    C, links = on.model.coupling, on.model.link_frame.size
+    covariance = np.stack([C @ e.covariance @ C.T for _, _, e, _, _ in rows])
+    q = np.stack([C @ e.u + on.model.coupling_offset for _, _, e, _, _ in rows])
+    share = np.array([e.seen.found.sum() / max(e.seen.expected.sum(), 1) for _, _, e, _, _ in rows])
+    frozen = np.array([s.frozen.any() for _, _, _, s, _ in rows])
+    status = np.where(share < 0.4, LOST, np.where(frozen | (share < 0.7), UNCERTAIN, TRACKED))
+    return Track(
+        joint_names=on.model.joint_names,
+        frame=np.array([n for n, *_ in rows]),
+        time=np.array([t for _, t, *_ in rows]),
+        q=q,
+        sigma=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
+        covariance=covariance,
+        status=status,
+        confidence=share,
+        residual=np.array([e.residual for _, _, e, _, _ in rows]),
+        visible=np.stack([visible_share(e.seen.pills, e.seen.samplers, e.seen.edges, links) for _, _, e, _, _ in rows]),
+        edges=np.array([e.seen.found.sum() for _, _, e, _, _ in rows]),
+        seconds=np.array([s for *_, s in rows]),
+    )
