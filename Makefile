@@ -31,7 +31,7 @@ format: $(VENV)/.installed-dev ## reformat and fix what ruff can fix
 	$(BIN)/ruff format
 
 bench: $(VENV)/.installed-dev ## side-by-side timings, one thread
-	@NUMBA_NUM_THREADS=1 $(BIN)/handtrack bench
+	@$(BIN)/python benchmarks/bench.py
 
 docs: $(VENV)/.installed-docs ## the documentation, into docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

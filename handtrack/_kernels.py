@@ -187,13 +187,15 @@ def sample_lines(image, origin, direction, u, order, values, inside):  # pragma:
             values[i, j] = total
 
 
-@njit(cache=True, inline="always")
-def shade(coefficients, gain, x, y, z):  # pragma: no cover - compiled
-    """Second-order spherical-harmonic shading of a unit normal; twin: `appearance.shade_numpy`."""
-    total = coefficients[0] + coefficients[1] * x + coefficients[2] * y + coefficients[3] * z
-    total += coefficients[4] * x * y + coefficients[5] * y * z + coefficients[6] * x * z
-    total += coefficients[7] * (x * x - y * y) + coefficients[8] * (3.0 * z * z - 1.0)
-    return gain * total
+@njit(cache=True)
+def shade(c, gain, x, y, z):  # pragma: no cover - compiled
+    """Quartic shading of a unit normal, the sum of `appearance.harmonics`; twin: `appearance.shade_numpy`."""
+    flat = c[0] + x * (c[1] + x * (c[3] + x * (c[6] + x * c[10])))
+    flat += y * (c[2] + x * (c[4] + x * (c[7] + x * c[11])))
+    flat += y * y * (c[5] + x * (c[8] + x * c[12])) + y * y * y * (c[9] + x * c[13] + y * c[14])
+    deep = c[15] + x * (c[16] + x * (c[18] + x * c[21])) + y * (c[17] + x * (c[19] + x * c[22]))
+    deep += y * y * (c[20] + x * c[23] + y * c[24])
+    return gain * (flat + z * deep)
 
 
 @njit(cache=True)

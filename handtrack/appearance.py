@@ -1,10 +1,10 @@
 """Image and a posed model in, how the surface and the background look out.
 
 The thesis keeps templates from a frame without occlusion and supposes constant light; links that turn break that
-supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a
-second-order spherical harmonic (nine numbers; enough for any distant light on a matt surface, Ramamoorthi and Hanrahan 2001),
-times a gain for each link, learnt robustly from the image and carried over time, so that a template can be rendered at the
-present pose.
+supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a polynomial
+of degree four on the sphere, times a gain for each link, learnt robustly from the image and carried over time, so that a
+template can be rendered at the present pose. Degree two would do for most light on a matt surface (Ramamoorthi and
+Hanrahan 2001); the rest is for the line where the light ends, and for broad highlights.
 """
 
 from dataclasses import dataclass, replace
@@ -16,6 +16,7 @@ from .camera import Camera, rays
 from .pills import Pills, ray_hits
 from .profiles import place_across, sample
 
+_RIDGE = 3e-6  # pull of each coefficient towards zero, growing with the square of its degree
 _MEMORY = 0.8  # weight of what earlier frames told, for each new frame
 
 
@@ -25,35 +26,44 @@ class Appearance:
 
     Attributes
     ----------
-    shading : (9,)
-        Spherical-harmonic coefficients of grey level over the normal in camera axes, basis of `harmonics`.
+    shading : (25,)
+        Coefficients of grey level over the normal in camera axes, basis of `harmonics`.
     gain : (l,)
         Factor of each link.
     background, noise : float
         Grey level behind the hand, and standard deviation of the pixel noise.
     spread : float
         Standard deviation of grey level about the fitted shading: noise and what the shading cannot express.
-    normal_matrix, normal_vector : (9, 9), (9,)
+    normal_matrix, normal_vector : (25, 25), (25,)
         Accumulated least-squares sums, the memory over time.
     """
 
-    shading: Float[np.ndarray, " 9"]
+    shading: Float[np.ndarray, " 25"]
     gain: Float[np.ndarray, " l"]
     background: float
     noise: float
     spread: float
-    normal_matrix: Float[np.ndarray, "9 9"]
-    normal_vector: Float[np.ndarray, " 9"]
+    normal_matrix: Float[np.ndarray, "25 25"]
+    normal_vector: Float[np.ndarray, " 25"]
 
 
-def harmonics(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 9"]:
-    """Basis `1, x, y, z, xy, yz, xz, x^2 - y^2, 3 z^2 - 1` at unit normals.
+_POWERS = [(a - b, b) for a in range(5) for b in range(a + 1)]  # x^i y^j up to degree 4
+_DEEP = [(a - b, b) for a in range(4) for b in range(a + 1)]  # the same up to degree 3, times z
+_DEGREE = np.array([i + j for i, j in _POWERS] + [i + j + 1 for i, j in _DEEP])
 
-    >>> harmonics(np.array([[0.0, 0.0, -1.0]])).tolist()
-    [[1.0, 0.0, 0.0, -1.0, 0.0, -0.0, -0.0, 0.0, 2.0]]
+
+def harmonics(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 25"]:
+    """Polynomials of degree four on the unit sphere: `x^i y^j` up to degree 4, then `z x^i y^j` up to degree 3.
+
+    They span the spherical harmonics of orders 0 to 4.
+
+    >>> harmonics(np.array([[0.0, 0.0, -1.0]])).nonzero()[1].tolist()
+    [0, 15]
     """
     x, y, z = normal.T
-    return np.stack([np.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, 3.0 * z * z - 1.0], axis=1)
+    xs, ys = np.stack([np.ones_like(x), x, x**2, x**3, x**4]), np.stack([np.ones_like(y), y, y**2, y**3, y**4])
+    flat = [xs[i] * ys[j] for i, j in _POWERS]
+    return np.stack(flat + [z * xs[i] * ys[j] for i, j in _DEEP], axis=1)
 
 
 def shade_numpy(appearance: Appearance, normal: Float[np.ndarray, "n 3"], link: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -83,7 +93,7 @@ def learn(
         background = _MEMORY * previous.background + (1.0 - _MEMORY) * background
     if target.size < 20:
         return replace(previous, noise=noise) if previous else _flat(pills, background, noise, level)
-    memory = (previous.normal_matrix, previous.normal_vector) if previous else (np.zeros((9, 9)), np.zeros(9))
+    memory = (previous.normal_matrix, previous.normal_vector) if previous else (np.zeros((25, 25)), np.zeros(25))
     start = previous.shading if previous else None
     matrix, vector, shading, weight, spread = _fit(basis, target, gain[link], memory, start, background)
     gain = _gains(gain, link, target, basis @ shading, weight)
@@ -95,7 +105,7 @@ def _surface_samples(
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     across = place_across(pills, camera, 8)
     radius = np.array([_seen_radius(pills, camera, k) for k in range(pills.base.shape[0])])[across.link]
-    share = np.array([-1.35, -1.2, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 1.2, 1.35])
+    share = np.array([-1.35, -1.2, -0.92, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 0.92, 1.2, 1.35])
     points = across.origin[:, None, :] + (radius[:, None] * share)[..., None] * across.direction[:, None, :]
     flat = points.reshape(-1, 2)
     zero = np.zeros(flat.shape[0], dtype=int)
@@ -123,18 +133,18 @@ def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on
 
 
 def _fit(
-    basis: Float[np.ndarray, "n 9"],
+    basis: Float[np.ndarray, "n 25"],
     target: Float[np.ndarray, " n"],
     gain: Float[np.ndarray, " n"],
-    memory: tuple[Float[np.ndarray, "9 9"], Float[np.ndarray, " 9"]],
-    shading: Float[np.ndarray, " 9"] | None,
+    memory: tuple[Float[np.ndarray, "25 25"], Float[np.ndarray, " 25"]],
+    shading: Float[np.ndarray, " 25"] | None,
     background: float,
-) -> tuple[Float[np.ndarray, "9 9"], Float[np.ndarray, " 9"], Float[np.ndarray, " 9"], Float[np.ndarray, " n"], float]:
+) -> tuple[Float[np.ndarray, "25 25"], Float[np.ndarray, " 25"], Float[np.ndarray, " 25"], Float[np.ndarray, " n"], float]:
     """Iteratively reweighted least squares with memory; a point as dark as the background starts without weight."""
     design = basis * gain[:, None]
     foreground = np.abs(target - background)
     weight = (foreground > 0.25 * np.median(foreground)).astype(float)
-    ridge = 1e-3 * target.size * np.diag([0.0, 1, 1, 1, 3, 3, 3, 3, 3])
+    ridge = _RIDGE * target.size * np.diag(_DEGREE**2)
     matrix, vector, spread = memory[0], memory[1], 0.0
     for step in range(4 if shading is None else 2):
         if shading is not None or step > 0:
@@ -145,7 +155,7 @@ def _fit(
         matrix = _MEMORY * memory[0] + weighted.T @ design
         vector = _MEMORY * memory[1] + weighted.T @ target
         shading = np.linalg.solve(matrix + ridge, vector)
-    assert_shading = np.zeros(9) if shading is None else shading
+    assert_shading = np.zeros(25) if shading is None else shading
     return matrix, vector, assert_shading, weight, spread
 
 
@@ -166,6 +176,6 @@ def _gains(
 def _flat(pills: Pills, background: float, noise: float, level: Float[np.ndarray, " n"]) -> Appearance:
     """A surface of one grey level, when next to nothing of the model is in the image."""
     brightest = float(level.max()) if level.size else 255.0
-    shading = np.zeros(9)
+    shading = np.zeros(25)
     shading[0] = brightest
-    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((9, 9)), np.zeros(9))
+    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((25, 25)), np.zeros(25))

@@ -1,8 +1,8 @@
 """What residuals say about parameters: a Jacobian in, covariance and directions without evidence out.
 
 With residuals in units of their sigma, ``(J^T J)^-1`` is the covariance of the least-squares solution, to first order.
-A hidden finger leaves directions in which ``J`` is blind: ``J^T J`` is singular (the warning below eq. (3.5) of the hand
-thesis). Then the pseudo-inverse speaks for the directions with evidence, and a stated variance for the others:
+A hidden finger leaves directions in which ``J`` is blind: ``J^T J`` is singular, which the text below eq. (3.5) of the
+hand thesis warns of. Then the pseudo-inverse speaks for the directions with evidence, a stated variance for the others:
 
     C = (J^T J)^+ + u N N^T,    N = orthonormal null directions of J,  u = unobserved variance
 

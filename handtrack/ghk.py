@@ -2,16 +2,20 @@
 
 The hand thesis, section 5.1.2, tracks value, velocity and acceleration of each joint with three constant gains,
 eq. (5.1)-(5.6), and sets the gains by one number: ``g = 1 - theta^3``, ``h = 1.5 (1 - theta^2)(1 - theta)``,
-``k = 0.5 (1 - theta)^3``. That filter is the steady state of a fit: the parabola that minimises the squared errors of all
-measurements so far, each discounted by ``theta`` per frame of age.
+``k = 0.5 (1 - theta)^3``. That filter is the steady state of a fit: the parabola that minimises the squared errors of
+all measurements so far, each discounted by ``theta`` per frame of age.
 
 The fit can be carried on for any frame times, so this module does that: a measurement is discounted by
-``theta^(age / dt0)``, and the information of the fit (3 x 3 for each joint, in powers of ``age / dt0``) is carried along
+``theta^(age / dt0)``, and the information of the fit (3 x 3 for each joint, in powers of ``age / dt0``) is kept:
 
     prediction  L- = theta^(dt / dt0) A^-T L A^-1        correction  L = L- + e1 e1^T,   gains = L^-1 e1
 
 With even frames the gains become exactly the thesis's. After a gap they are larger, as they must; and in the first
 frames they are those of the plain fit, so velocity and acceleration start from the first three frames instead of zero.
+
+A constant acceleration is followed without error. A constant jerk J needs the acceleration to grow by ``J T`` a frame,
+which eq. (5.1) delivers when the innovation is ``J T^3 / (2 k) = J T^3 / (1 - theta)^3``; the filtered value then lags
+by ``1 - g = theta^3`` times that.
 """
 
 from dataclasses import dataclass
@@ -151,7 +155,7 @@ def ghk_noise_gain(theta: float) -> tuple[float, float]:
     Examples
     --------
     >>> [round(gain, 4) for gain in ghk_noise_gain(0.85)]
-    [0.1718, 0.2798]
+    [0.2929, 0.3819]
     """
     if not 0.0 < theta < 1.0:
         raise ValueError(f"theta: {theta} is not between 0 and 1")

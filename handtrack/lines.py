@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+Index = int | slice | np.ndarray
+
 MIN_PAIR = 1e-9  # px: two points closer than this give no direction
 
 
@@ -44,6 +46,11 @@ class Line:
     covariance: Float[np.ndarray, "*b 2 2"]
     status: Shaped[np.ndarray, "*b"]
 
+    def __getitem__(self, index: Index | tuple[Index, ...]) -> "Line":
+        """Choose along the batch axes: of lines (l, 2), ``lines[:, 0]`` are the l first ones."""
+        fields = (self.normal, self.rho, self.centroid, self.direction, self.inliers, self.covariance, self.status)
+        return Line(*(np.asarray(field[index]) for field in fields))
+
     @property
     def valid(self) -> Bool[np.ndarray, "*b"]:
         """Where the line may be used."""
@@ -55,9 +62,7 @@ class Line:
         return np.asarray(np.arctan2(self.direction[..., 1], self.direction[..., 0]))
 
 
-def fit_line(
-    points: Float[np.ndarray, "*b n 2"], sigma: Float[np.ndarray, "*b n"], tolerance: float
-) -> Line:
+def fit_line(points: Float[np.ndarray, "*b n 2"], sigma: Float[np.ndarray, "*b n"], tolerance: float) -> Line:
     """Fit lines to points with outliers: deterministic RANSAC over all pairs, then weighted total least squares.
 
     Parameters
@@ -145,8 +150,9 @@ def _total_least_squares(
     angle = np.arctan2(2.0 * sxy, sxx - syy) / 2.0
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     # The points come in order along the link: the sign of their correlation with that order heads the line.
-    rank = np.arange(points.shape[-2]) - np.sum(weight * np.arange(points.shape[-2]), axis=-1)[..., None] / (
-        safe_total[..., None]
+    rank = (
+        np.arange(points.shape[-2])
+        - np.sum(weight * np.arange(points.shape[-2]), axis=-1)[..., None] / (safe_total[..., None])
     )
     headed = np.sum(weight * rank * (apart @ direction[..., None])[..., 0], axis=-1)
     direction = np.where((headed < 0)[..., None], -direction, direction)

@@ -75,14 +75,14 @@ def rims(pills: Pills, camera: Camera, n_arc: int = 24) -> Float[np.ndarray, "l 
     share = np.linspace(-1.0, 1.0, n_arc) * np.array([[1.0], [-1.0]])  # the tip arc runs back
     angle = touch[..., None] * share  # (l, 2, n_arc)
     arcs = (
-        centre[:, :, None]
-        + np.cos(angle)[..., None] * away[:, :, None]
-        + np.sin(angle)[..., None] * side[:, :, None]
+        centre[:, :, None] + np.cos(angle)[..., None] * away[:, :, None] + np.sin(angle)[..., None] * side[:, :, None]
     )
     if not camera.distortion.any():
         return arcs.reshape(arcs.shape[0], 2 * n_arc, 3)
     step = np.linspace(0.0, 1.0, n_arc + 2)[1:-1, None]
-    there, back = (a + step * (b - a) for a, b in ((arcs[:, 0, -1:], arcs[:, 1, :1]), (arcs[:, 1, -1:], arcs[:, 0, :1])))
+    there, back = (
+        a + step * (b - a) for a, b in ((arcs[:, 0, -1:], arcs[:, 1, :1]), (arcs[:, 1, -1:], arcs[:, 0, :1]))
+    )
     return np.concatenate([arcs[:, 0], there, arcs[:, 1], back], axis=1)
 
 
@@ -133,7 +133,9 @@ def _cone_circles(
         normal = np.where((sin_e > 0)[:, None], normal, spare)
     normal = normal / np.sqrt((normal * normal).sum(axis=-1, keepdims=True))
     safe = np.where(hidden[:, None], 1.0, cosine * sin_e[:, None])
-    touch = np.arccos(np.where(hidden[:, None], 0.0, np.clip((sine[:, ::-1] - sine * cos_e[:, None]) / safe, -1.0, 1.0)))
+    touch = np.arccos(
+        np.where(hidden[:, None], 0.0, np.clip((sine[:, ::-1] - sine * cos_e[:, None]) / safe, -1.0, 1.0))
+    )
     # The touching circle of a sphere lies nearer than its centre, and is smaller: c cos(b)^2 and r cos(b).
     centre, radius = ends * (cosine * cosine)[..., None], size * cosine
     if hidden.any():
@@ -192,7 +194,9 @@ def mesh(
     (-9.0, 47.0)
     """
     if not (radius_base > 0 and radius_tip > 0 and length >= 0):
-        raise ValueError(f"radii and length are {radius_base}, {radius_tip}, {length}; wanted radii > 0 and length >= 0")
+        raise ValueError(
+            f"radii and length are {radius_base}, {radius_tip}, {length}; wanted radii > 0 and length >= 0"
+        )
     if n_around < 3 or n_cap < 1:
         raise ValueError(f"n_around, n_cap are {n_around}, {n_cap}; wanted at least 3 and 1")
     # A surface normal makes the angle `polar` with the x axis: pi at the base pole, 0 at the tip pole.
@@ -252,7 +256,9 @@ def convex_hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     try:
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError) as error:
-        raise ValueError(f"points of shape {points.shape}; wanted three or more finite ones that are not in line") from error
+        raise ValueError(
+            f"points of shape {points.shape}; wanted three or more finite ones that are not in line"
+        ) from error
 
 
 def simplify(polygon: Float[np.ndarray, "m 2"], tolerance: float | None = None) -> Float[np.ndarray, "k 2"]:

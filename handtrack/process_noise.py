@@ -10,8 +10,10 @@ and the share ``u = 1 - R / S`` of the prediction in S stands for the last facto
     log psd  <-  log psd + rate u (min(y^2 / S, limit^2) - 1)
 
 which is an exponential window of ``1 / rate`` frames. Since log psd stays bounded, its increments average to zero: over
-time the mean of ``y^2 / S`` is one, whatever the motion looks like, which is what an honest sigma means. The limit bounds
-what one wild measurement can do, yet a joint that sets off is followed within a few frames: up is fast, down is slow.
+time the mean of ``y^2 / S`` is one, whatever the motion looks like, which is what an honest sigma means. The limit
+bounds what one wild measurement can do, yet a joint that sets off is followed within a few frames: the density grows
+fast and falls slowly. Only the very frame in which a joint sets off at full speed stays a surprise; a lower bound on
+the density says how much of that to expect.
 """
 
 import numpy as np

@@ -184,8 +184,8 @@ def predict_frozen(
     """Time update in which joints without evidence keep their last pose, with a sigma that grows.
 
     A hidden finger may do anything; carrying its last velocity on leads it away. A frozen joint therefore performs a
-    random walk: its value stays, ``sigma^2`` grows by ``rate^2 dt``, and its velocity is set to zero. Since the velocity
-    it had may still be the true one, the variance of its derivatives becomes their second moment about zero,
+    random walk: its value stays, ``sigma^2`` grows by ``rate^2 dt``, and its velocity is set to zero. Since the
+    velocity it had may still be the true one, the variance of its derivatives becomes their second moment about zero,
     ``var + mean^2``, which does not grow further; they are no longer correlated with anything.
 
     Parameters
@@ -294,7 +294,5 @@ def _with_process_noise(P, order: int, dt: float, psd):
     out = np.array(P)
     # A repeated index in einsum is a view of the diagonals of all derivative blocks.
     blocks = np.einsum("...rjcj->...rcj", out.reshape(*P.shape[:-2], order, j, order, j))
-    blocks += process_covariance(order, dt)[:, :, None] * psd[..., None, None, :] if psd.ndim else (
-        process_covariance(order, dt)[:, :, None] * psd
-    )
+    blocks += process_covariance(order, dt)[:, :, None] * np.atleast_1d(psd)[..., None, None, :]
     return out

@@ -107,6 +107,11 @@ class _Run:
         """Whether a step no longer matters: every component below tolerance * (1 + largest parameter)."""
         return _largest(h) <= self.tolerance * (1.0 + _largest(self.x))
 
+    def after(self, h) -> Float[np.ndarray, " n"]:
+        """The point that a step leads to; adding it may round across a bound."""
+        x = self.x + h
+        return x if self.bounds is None else np.minimum(np.maximum(x, self.bounds[:, 0]), self.bounds[:, 1])
+
     def room(self) -> Float[np.ndarray, "n 2"] | None:
         """How far each parameter may still go, down (<= 0) and up (>= 0)."""
         return None if self.bounds is None else self.bounds - self.x[:, None]
@@ -117,7 +122,7 @@ def solve(
     x0: Float[np.ndarray, " n"],
     *,
     method: str = "levenberg-marquardt",
-    bounds: Float[np.ndarray, "n 2"] | None = None,
+    bounds: Float[np.ndarray, "_ 2"] | None = None,
     step: float = 1.0,
     max_steps: int = 50,
     tolerance: float = 1e-10,
@@ -226,7 +231,7 @@ def _full_steps(run: _Run, eta: float) -> str:
             return "converged"
         if run.steps >= run.max_steps:
             return "max-steps"
-        x = run.x + h
+        x = run.after(h)
         residual, jacobian, cost = run.try_point(x)
         if not math.isfinite(cost):
             return "diverged"
@@ -268,7 +273,7 @@ def _levenberg_marquardt(run: _Run) -> str:
                 return "converged" if damping <= 1.0 or _is_flat(run, gradient, weight) else "stalled"
             if run.steps >= run.max_steps:
                 return "max-steps"
-            x = run.x + h
+            x = run.after(h)
             residual, jacobian, cost = run.try_point(x)
             gain = (run.cost - cost) / predicted
             accepted = predicted > 0.0 and gain > 0.0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .appearance import Appearance, learn
 from .camera import Camera
@@ -17,6 +17,7 @@ from .measure import Look, look, posed, visible_share
 from .process_noise import process_from_innovations
 from .residuals import Chain, chain, outline_residuals, robust, with_prior
 from .robust import cauchy_weight
+from .scatter import Scatter, common_share, decorrelate, first_scatter, learn_scatter
 from .settings import Settings
 from .smooth import KalmanState, predict_frozen, start, update
 from .solve import solve
@@ -37,15 +38,15 @@ class State:
         Spectral density of each joint's acceleration.
     frozen : (k,)
         Joints that the last frame had no evidence of.
-    scale : float
-        Running factor between claimed and real scatter of the edges.
+    scatter : Scatter
+        How far edges really scatter, learnt from the residuals.
     """
 
     motion: KalmanState
     psd: Float[np.ndarray, " k"]
     frozen: Bool[np.ndarray, " k"]
     appearance: Appearance | None
-    scale: float
+    scatter: Scatter
     frames: int
 
 
@@ -58,7 +59,7 @@ class Estimate:
     information: Float[np.ndarray, "k k"]
     seen: Look
     residual: float
-    scale: float
+    scatter: Scatter
 
 
 def track(
@@ -114,7 +115,7 @@ def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: 
     u = start_pose[on.model.free]
     motion = start(u, np.eye(u.size) * settings.start_sigma**2, sigma_velocity=settings.start_speed * fps)
     psd = np.full(u.size, (np.radians(2.0) * fps) ** 2 * fps)
-    return State(motion, psd, np.zeros(u.size, dtype=bool), None, 1.0, 0)
+    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), 0)
 
 
 def step(
@@ -135,7 +136,7 @@ def step(
     z, R = _as_measurement(estimate, motion)
     motion, innovation, S = update(motion, z, R)
     psd = process_from_innovations(state.psd, np.where(frozen, np.nan, innovation), S, R) if dt > 0.0 else state.psd
-    return State(motion, psd, frozen, appearance, estimate.scale, state.frames + 1), estimate
+    return State(motion, psd, frozen, appearance, estimate.scatter, state.frames + 1), estimate
 
 
 def _estimate(
@@ -150,7 +151,7 @@ def _estimate(
     """Look and solve in turn until the pose rests."""
     prior = motion.covariance
     whitener = np.linalg.cholesky(np.linalg.inv(prior)).T
-    u, search, scale = motion.q if first is None else first, prior, state.scale
+    u, search, scatter = motion.q if first is None else first, prior, state.scatter
     limits = on.model.limits[on.model.free]
     bounds = limits if np.isfinite(limits).any() else None
     passes = settings.passes + (4 if state.frames < 3 else 0)
@@ -160,24 +161,44 @@ def _estimate(
         if features.link.size < 3:
             search = search * 4.0
             continue
-        r0, _ = outline_residuals(on, features, u)
-        spread = max(1.0, 1.4826 * float(np.median(np.abs(r0))))
-
+        group = _groups(seen)
+        edges = decorrelate(lambda x, f=features: outline_residuals(on, f, x), features.sigma, group, scatter)
+        spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(u)[0]))))
         for rescale in range(2):
-            fun = with_prior(robust(lambda x: outline_residuals(on, features, x), spread), motion.q, whitener)
+            fun = with_prior(robust(edges, spread), motion.q, whitener)
             solution = solve(fun, u if rescale == 0 else solution.x, bounds=bounds, max_steps=8, tolerance=1e-6)
-            r, J = outline_residuals(on, features, solution.x)
-            spread = max(1.0, 1.4826 * float(np.median(np.abs(r))))
+            spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(solution.x)[0]))))
+        r, J = edges(solution.x)
+        weight = cauchy_weight(r / spread)
         moved = np.abs(J @ (solution.x - u)) * features.sigma
         u = solution.x
-        weight = cauchy_weight(r / spread)
         information = (J * weight[:, None]).T @ J / spread**2
-        search = np.linalg.inv(information + np.linalg.inv(prior)) * 2.0
+        covariance = np.linalg.inv(information + np.linalg.inv(prior))
+        search = covariance * 2.0
         if number > 0 and moved.max() < _REST:
             break
-    covariance = np.linalg.inv(information + np.linalg.inv(prior))
-    pixels = float(np.sqrt(np.mean((r * features.sigma) ** 2)))
-    return Estimate(u, covariance, information, seen, pixels, spread)
+    r_px, J_px = outline_residuals(on, features, u)
+    r_px, J_px = r_px * features.sigma, J_px * features.sigma[:, None]
+    gain = _gain(covariance, J, weight, features.sigma, group, scatter)
+    scatter = learn_scatter(scatter, r_px, J_px, np.abs(r / spread), features.sigma, group, gain)
+    return Estimate(u, covariance, information, seen, float(np.sqrt(np.mean(r_px**2))), scatter)
+
+
+def _groups(seen: Look) -> Int[np.ndarray, " n"]:
+    """Edges with a common cause of error: one side of a link, or one tip."""
+    found = seen.found
+    key = 3 * seen.samplers.link[found] + seen.samplers.side[found] + 1
+    return np.unique(key, return_inverse=True)[1]
+
+
+def _gain(covariance, J, weight, sigma, group, scatter: Scatter) -> Float[np.ndarray, "k n"]:
+    """Linear map from edge errors in pixels to the error of the pose, at the solution."""
+    v, share = common_share(sigma, group, scatter.s, scatter.tau)
+    rows = J * weight[:, None]
+    member = np.zeros((share.size, group.size))
+    member[group, np.arange(group.size)] = v
+    rows = rows - (member * share[:, None]).T @ (member @ rows)
+    return covariance @ (rows / (scatter.s * sigma)[:, None]).T
 
 
 def _as_measurement(

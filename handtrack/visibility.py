@@ -21,6 +21,7 @@ from .camera import Camera, project_camera, rays
 from .outlines import rims
 from .pills import Pills, ray_hits
 
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layers:
     """Truncated polygons of posed links.
@@ -135,7 +136,9 @@ def _inside_image(shapes: Shaped[np.ndarray, " l"], camera: Camera) -> Shaped[np
     return shapes
 
 
-def window(polygon: shapely.Geometry | Shaped[np.ndarray, "*b"], xy: Float[np.ndarray, "*c 2"]) -> Bool[np.ndarray, "*c"]:
+def window(
+    polygon: shapely.Geometry | Shaped[np.ndarray, "*b"], xy: Float[np.ndarray, "*c 2"]
+) -> Bool[np.ndarray, "*c"]:
     """Window function of samples: one where they fall inside their link's truncated polygon, else zero (4.3.3).
 
     Parameters

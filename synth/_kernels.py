@@ -311,10 +311,11 @@ def shade_pixels(grid, pinhole, pills, boxes, depth, part, normal, look, albedo,
                 across += keys[row, u0] != keys[row, u1]
             for col in (u0, u, u1):
                 across -= keys[v0, col] != keys[v1, col]
-            right, down = 0.5 * (grid[v + 1, u + 2] - grid[v + 1, u]), 0.5 * (grid[v + 2, u + 1] - grid[v, u + 1])
-            axes = (right[0], right[1], down[0], down[1])
-            if across < 0:
-                axes = (down[0], down[1], right[0], right[1])
+            ax = 0.5 * (grid[v + 1, u + 2, 0] - grid[v + 1, u, 0])
+            ay = 0.5 * (grid[v + 1, u + 2, 1] - grid[v + 1, u, 1])
+            bx = 0.5 * (grid[v + 2, u + 1, 0] - grid[v, u + 1, 0])
+            by = 0.5 * (grid[v + 2, u + 1, 1] - grid[v, u + 1, 1])
+            axes = (ax, ay, bx, by) if across >= 0 else (bx, by, ax, ay)
             x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
             total[:] = 0.0
             integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out[v, u], total)

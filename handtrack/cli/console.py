@@ -9,10 +9,10 @@ from typing import Protocol
 import typer
 
 
-class Advance(Protocol):
-    """Told that one more step is done."""
+class Done(Protocol):
+    """Told how many steps are done."""
 
-    def __call__(self, done: int = 1) -> None: ...
+    def __call__(self, done: int, /) -> None: ...
 
 
 def say(text: str = "") -> None:
@@ -74,7 +74,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 @contextmanager
-def progress(label: str, total: int | None) -> Iterator[Advance]:
+def progress(label: str, total: int | None) -> Iterator[Done]:
     """A bar on stderr while the block runs; silent where stderr is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -84,10 +84,10 @@ def progress(label: str, total: int | None) -> Iterator[Advance]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(label, total=total)
 
-        def advance(done: int = 1) -> None:
-            bar.advance(task, done)
+        def update(done: int, /) -> None:
+            bar.update(task, completed=done)
 
-        yield advance
+        yield update
 
 
 def _cell(item: object) -> str:

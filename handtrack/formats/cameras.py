@@ -1,7 +1,7 @@
 """The `camera:` part of a file in, a checked camera out.
 
-Checked: `R` is a rotation (`R R^T = I` within 1e-6, determinant +1), sizes and scales are positive, and the distortion does
-not fold the picture: on the straight way from the principal point to every point of the image border, the area
+Checked: `R` is a rotation (`R R^T = I` within 1e-6, determinant +1), sizes and scales are positive, and the distortion
+does not fold the picture: on the straight way from the principal point to every point of the image border, the area
 factor of OpenCV's `k1 k2 p1 p2 k3` (the determinant of its derivative) stays positive.
 """
 
@@ -55,7 +55,7 @@ class _CameraAlone(Strict):
     format: Literal["handtrack/camera-1"] = "handtrack/camera-1"
 
 
-def read_camera(path: Path) -> Camera:
+def read_camera(path: Path | str) -> Camera:
     """A camera from a file of its own, `camera: {...}`, or from the `camera` of a sequence file.
 
     Raises
@@ -63,7 +63,7 @@ def read_camera(path: Path) -> Camera:
     InputError
         For a file that is not such a file, or a camera that cannot be.
     """
-    document = read_yaml(path)
+    document = read_yaml(Path(path))
     if isinstance(document.data, dict) and document.data.get("format") == "handtrack/sequence-1":
         only: dict[str, Any] = {"camera": document.data["camera"]} if "camera" in document.data else {}
         document = Document(document.path, only, document.root)
@@ -96,8 +96,8 @@ def camera_from_file(entry: OrthographicFile | PerspectiveFile, document: Docume
 def folds(camera: Camera, steps: int = 64, samples: int = 33) -> bool:
     """Whether the distortion maps two directions to one pixel of the image.
 
-    Every point of the image border is approached from the principal point in `steps` equal steps; at each the inverse is
-    followed by Newton's method from the step before. Where the derivative's determinant is not positive, or the
+    Every point of the image border is approached from the principal point in `steps` equal steps; at each the inverse
+    is followed by Newton's method from the step before. Where the derivative's determinant is not positive, or the
     inverse is lost, the picture has folded.
 
     >>> folds(perspective(640, 480, 500.0, 500.0, 320.0, 240.0, np.eye(3), np.zeros(3)))
@@ -132,4 +132,3 @@ def _derivative(
     along = [(distort(slope + h, k) - distort(slope - h, k)) / (2 * step) for h in step * np.eye(2)]
     derivative = np.stack(along, axis=-1)
     return derivative, np.linalg.det(derivative)
-

@@ -1,7 +1,8 @@
 """Image files in, grey float32 pictures out, one at a time.
 
-The header is looked at first, for all files: a picture of over 64 megapixels is refused before anything is decoded, and a
-size other than the camera's before any tracking starts. Colour becomes grey by Rec. 601, `0.299 R + 0.587 G + 0.114 B`.
+The header is looked at first, for all files: a picture of over 64 megapixels is refused before anything is decoded, and
+a size other than the camera's before any tracking starts. Colour becomes grey by Rec. 601,
+`0.299 R + 0.587 G + 0.114 B`.
 """
 
 import fnmatch
@@ -106,7 +107,9 @@ def _wrong_size(path: Path, width: int, height: int, wanted_width: int, wanted_h
 def image_paths(folder: Path) -> tuple[Path, ...]:
     """All image files of a folder, sorted by name."""
     try:
-        names = sorted(name for name in os.listdir(folder) if name.lower().endswith(SUFFIXES) and not name.startswith("."))
+        names = sorted(
+            name for name in os.listdir(folder) if name.lower().endswith(SUFFIXES) and not name.startswith(".")
+        )
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror})") from error
     if not names:
@@ -145,7 +148,7 @@ def _open(path: Path) -> Image.Image:
             raise InputError(f"{path}: has over {MAX_PIXELS // 10**6} megapixels; it is not decoded") from error
         except FileNotFoundError as error:
             raise InputError(f"{path}: no such file") from error
-        except Exception as error:  # noqa: BLE001 - Pillow's readers raise many kinds for broken files
+        except Exception as error:  # Pillow's readers raise many kinds for broken files
             raise InputError(f"{path}: is no readable image; a PNG, JPEG, BMP, TIFF or PPM file is wanted") from error
 
 
@@ -164,8 +167,10 @@ def read_header(path: Path) -> Header:
 def _header(path: Path, image: Image.Image) -> Header:
     width, height = image.size
     if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: is {width} x {height} pixels, over {MAX_PIXELS // 10**6} megapixels; it is not decoded")
-    deep = image.mode.startswith("I;16") or any(";16" in str(tile[3]) for tile in image.tile)
+        raise InputError(
+            f"{path}: is {width} x {height} pixels, over {MAX_PIXELS // 10**6} megapixels; it is not decoded"
+        )
+    deep = image.mode.startswith("I;16") or any(";16" in str(tile[3]) for tile in getattr(image, "tile", ()))
     if not deep and image.mode not in _EIGHT_BIT:
         raise InputError(f"{path}: has values of kind {image.mode!r}; 8-bit or 16-bit grey or colour is wanted")
     return Header(width, height, deep, alpha=image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info)
@@ -188,8 +193,10 @@ def read_image(path: Path) -> Float[np.ndarray, "h w"]:
                     return np.asarray(image).astype(np.float32) * np.float32(255 / 65535)
                 plain = image if image.mode in ("L", "RGB") else image.convert(_plain_mode(image.mode))
                 return grey(np.asarray(plain))
-            except Exception as error:  # noqa: BLE001 - as above
-                raise InputError(f"{path}: is broken ({' '.join(str(error).split())}); a complete image is wanted") from error
+            except Exception as error:  # as above
+                raise InputError(
+                    f"{path}: is broken ({' '.join(str(error).split())}); a complete image is wanted"
+                ) from error
 
 
 def _plain_mode(mode: str) -> str:

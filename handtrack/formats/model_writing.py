@@ -1,8 +1,8 @@
 """A model in, the text of `model.yaml` out, so that reading it gives the same model.
 
-A model keeps one constant transform for each frame; its Denavit-Hartenberg parameters are read off it by inverting eq. (2.1)
-of the hand thesis: `theta = atan2(-T01, T00)`, `alpha = atan2(-T12, T22)`, `a = T03`, `d = -sin(alpha) T13 + cos(alpha) T23`.
-A fixed transform that is not of that form (`T02 != 0`) is written as its 4x4 matrix.
+A model keeps one constant transform for each frame; its Denavit-Hartenberg parameters are read off it by inverting eq.
+(2.1) of the hand thesis: `theta = atan2(-T01, T00)`, `alpha = atan2(-T12, T22)`, `a = T03`,
+`d = -sin(alpha) T13 + cos(alpha) T23`. A fixed transform that is not of that form (`T02 != 0`) is written as a matrix.
 """
 
 import json
@@ -18,11 +18,11 @@ from .writing import write_text
 TOLERANCE = 1e-13  # of a transform read back, against its own size
 
 
-def write_model(path: Path, model: Model) -> None:
+def write_model(path: Path | str, model: Model) -> None:
     """Write a model file, whole or not at all.
 
-    The tree, names, units, lengths and radii come back bit for bit, transforms and limits to rounding (1e-13): angles pass
-    through degrees. A coupling of a coupling comes back as one on the independent joint, the same map.
+    The tree, names, units, lengths and radii come back bit for bit, transforms and limits to rounding (1e-13): angles
+    pass through degrees. A coupling of a coupling comes back as one on the independent joint, the same map.
 
     Raises
     ------
@@ -90,7 +90,9 @@ def _frame_text(model: Model, i: int) -> str:
     if parameters is None:
         if joint >= 0:
             name = model.joint_names[joint]
-            raise ValueError(f"model: frame of joint '{name}' is not of the form (2.1); a fixed frame below it is wanted")
+            raise ValueError(
+                f"model: frame of joint '{name}' is not of the form (2.1); a fixed frame below it is wanted"
+            )
         rows = ", ".join("[" + ", ".join(number(x) for x in row) + "]" for row in model.prefix[i])
         parts.append(f"transform: [{rows}]")
     else:

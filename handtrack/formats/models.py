@@ -82,10 +82,10 @@ class ModelFile(Strict):
     name: Annotated[str, Field(min_length=1)]
     units: Literal["mm", "m"] = "mm"
     frames: Annotated[list[FrameFile], Field(min_length=1)]
-    couplings: list[CouplingFile] = []
+    couplings: list[CouplingFile] = Field(default_factory=list)
 
 
-def read_model(path: Path) -> Model:
+def read_model(path: Path | str) -> Model:
     """Read a model file.
 
     Raises
@@ -106,7 +106,9 @@ def model_from_document(document: Document) -> Model:
     rows = [_row(document, i, frame) for i, frame in enumerate(entry.frames)]
     prismatic = {row.joint: row.prismatic for row in rows if row.joint is not None}
     if not prismatic:
-        raise InputError(f"{at(document, ('frames',))} no frame has a joint; at least one `theta: {{joint: ...}}` is wanted")
+        raise InputError(
+            f"{at(document, ('frames',))} no frame has a joint; at least one `theta: {{joint: ...}}` is wanted"
+        )
     couplings = [_coupling(document, i, coupling, prismatic) for i, coupling in enumerate(entry.couplings)]
     try:
         return model_from_rows(entry.name, rows, couplings, entry.units)
@@ -124,16 +126,17 @@ def _check_tree(document: Document, frames: Sequence[FrameFile]) -> None:
     settled = {0}
     for i, frame in enumerate(frames):
         if frame.parent not in parent and frame.parent != 0:
-            raise InputError(
-                f"{at(document, ('frames', i, 'parent'))} frame {frame.parent} does not exist; an id of this file or 0 is wanted"
-            )
+            place = at(document, ("frames", i, "parent"))
+            raise InputError(f"{place} frame {frame.parent} does not exist; the id of a frame, or 0, is wanted")
     for i, frame in enumerate(frames):
         way: list[int] = []
         number = frame.id
         while number not in settled:
             if number in way:
                 circle = " > ".join(map(str, [*way[way.index(number) :], number]))
-                raise InputError(f"{at(document, ('frames', i, 'parent'))} parents go in a cycle ({circle}); a tree on frame 0 is wanted")
+                raise InputError(
+                    f"{at(document, ('frames', i, 'parent'))} parents go in a cycle ({circle}); a tree on 0 is wanted"
+                )
             way.append(number)
             number = parent[number]
         settled.update(way)
@@ -151,16 +154,24 @@ def _row(document: Document, i: int, frame: FrameFile) -> FrameRow:
         if extra:
             raise InputError(f"{at(document, place)} has `transform` and `{extra[0]}`; one or the other is wanted")
         return FrameRow(
-            frame.id, frame.parent, transform=_rigid(document, i, frame.transform), link_length=length, link_radius=radius
+            frame.id,
+            frame.parent,
+            transform=_rigid(document, i, frame.transform),
+            link_length=length,
+            link_radius=radius,
         )
     missing = [key for key in ("alpha", "a", "d", "theta") if getattr(frame, key) is None]
     if missing:
-        raise InputError(f"{at(document, place)} '{missing[0]}' is missing; alpha, a, d and theta (or transform) are wanted")
+        raise InputError(
+            f"{at(document, place)} '{missing[0]}' is missing; alpha, a, d and theta (or transform) are wanted"
+        )
     if isinstance(frame.theta, JointFile) and isinstance(frame.d, JointFile):
         raise InputError(f"{at(document, place)} both d and theta are joints; one joint for each frame is wanted")
     prismatic = isinstance(frame.d, JointFile)
     moving = frame.d if isinstance(frame.d, JointFile) else frame.theta if isinstance(frame.theta, JointFile) else None
-    d, theta = (value.offset if isinstance(value, JointFile) else float(value or 0.0) for value in (frame.d, frame.theta))
+    d, theta = (
+        value.offset if isinstance(value, JointFile) else float(value or 0.0) for value in (frame.d, frame.theta)
+    )
     limits = (-math.inf, math.inf)
     if moving is not None:
         limits = _limits(document, (*place, "d" if prismatic else "theta"), moving, prismatic)
@@ -179,7 +190,9 @@ def _row(document: Document, i: int, frame: FrameFile) -> FrameRow:
     )
 
 
-def _limits(document: Document, place: tuple[str | int, ...], moving: JointFile, prismatic: bool) -> tuple[float, float]:
+def _limits(
+    document: Document, place: tuple[str | int, ...], moving: JointFile, prismatic: bool
+) -> tuple[float, float]:
     """Limits in radians or model units; the joint's name is checked on the way."""
     if NAME.fullmatch(moving.joint) is None:
         raise InputError(
@@ -215,10 +228,13 @@ def _coupling(document: Document, i: int, entry: CouplingFile, prismatic: dict[s
     """A coupling in radians and model units."""
     for key, joint in (("joint", entry.joint), ("of", entry.of)):
         if joint not in prismatic:
-            raise InputError(
-                f"{at(document, ('couplings', i, key))} joint {shorten(joint)} does not exist; wanted: {', '.join(prismatic)}"
-            )
+            place = at(document, ("couplings", i, key))
+            raise InputError(f"{place} joint {shorten(joint)} does not exist; wanted: {', '.join(prismatic)}")
     unit = {joint: 1.0 if slides else math.radians(1.0) for joint, slides in prismatic.items()}
-    ratio = entry.ratio if prismatic[entry.joint] == prismatic[entry.of] else entry.ratio * unit[entry.joint] / unit[entry.of]
+    ratio = (
+        entry.ratio
+        if prismatic[entry.joint] == prismatic[entry.of]
+        else entry.ratio * unit[entry.joint] / unit[entry.of]
+    )
     offset = entry.offset if prismatic[entry.joint] else math.radians(entry.offset)
     return Coupling(entry.joint, entry.of, ratio, offset)

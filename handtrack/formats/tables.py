@@ -1,7 +1,8 @@
 """A CSV file in, columns of checked numbers and words out.
 
-UTF-8, comma separated, one header line. A needed column is present, every line has as many cells as the header, and numbers are
-plain and finite (or an empty cell where the format allows one): `nan`, `inf` and `1_000` are errors that name their line.
+UTF-8, comma separated, one header line. A needed column is present, every line has as many cells as the header, and
+numbers are plain and finite (or an empty cell where the format allows one): `nan`, `inf` and `1_000` are errors that
+name their line.
 """
 
 import csv
@@ -35,7 +36,7 @@ class Table:
     columns : tuple of tuple of str
         Cells of each column.
     lines : (n,)
-        Line of the file that each row begins on, from 1.
+        Line of the file that each row ends on, from 1.
     """
 
     path: Path
@@ -109,7 +110,9 @@ def integers(table: Table, name: str, low: int = 0) -> Int[np.ndarray, " n"]:
     bad = np.flatnonzero((values != np.floor(values)) | (values < low) | (values > 2**53))
     if bad.size:
         line, cell = table.lines[bad[0]], table.columns[table.names.index(name)][bad[0]]
-        raise InputError(f"{table.path}: line {line}: {name}: {shorten(cell)} given; a whole number from {low} is wanted")
+        raise InputError(
+            f"{table.path}: line {line}: {name}: {shorten(cell)} given; a whole number from {low} is wanted"
+        )
     return values.astype(int)
 
 
@@ -127,9 +130,8 @@ def check_rising(table: Table, name: str, values: Float[np.ndarray, " n"] | Int[
     bad = np.flatnonzero(np.diff(values) <= 0)
     if bad.size:
         i = int(bad[0]) + 1
-        raise InputError(
-            f"{table.path}: line {table.lines[i]}: {name}: {values[i]:g} after {values[i - 1]:g}; strictly rising values are wanted"
-        )
+        place = f"{table.path}: line {table.lines[i]}: {name}:"
+        raise InputError(f"{place} {values[i]:g} after {values[i - 1]:g}; strictly rising values are wanted")
 
 
 def gap_warnings(table: Table, time: Float[np.ndarray, " n"]) -> tuple[str, ...]:

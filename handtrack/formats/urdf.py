@@ -1,8 +1,8 @@
 """A model in, URDF text out, for robot viewers and simulators.
 
-URDF puts a joint at a constant origin and lets it turn about, or slide along, one axis: exactly a frame's `prefix` and its z
-axis. Lengths become metres and couplings `mimic` tags. A pill is drawn as a cylinder with a ball at each end (of the mean
-radius where it tapers: URDF has no cones).
+URDF puts a joint at a constant origin and lets it turn about, or slide along, one axis: exactly a frame's `prefix` and
+its z axis. Lengths become metres and couplings `mimic` tags. A pill is drawn as a cylinder with a ball at each end (of
+the mean radius where it tapers: URDF has no cones).
 """
 
 import math
@@ -44,7 +44,9 @@ def _add_joint(robot: ET.Element, model: Model, i: int, scale: float) -> None:
     parent = model.frame_ids[model.parent[i]] if model.parent[i] >= 0 else 0
     ET.SubElement(joint, "parent", link=f"frame_{parent}")
     ET.SubElement(joint, "child", link=f"frame_{number}")
-    ET.SubElement(joint, "origin", xyz=_text(scale * model.prefix[i, :3, 3]), rpy=_text(roll_pitch_yaw(model.prefix[i, :3, :3])))
+    ET.SubElement(
+        joint, "origin", xyz=_text(scale * model.prefix[i, :3, 3]), rpy=_text(roll_pitch_yaw(model.prefix[i, :3, :3]))
+    )
     if index >= 0:
         kind = _add_motion(joint, model, index, bool(model.prismatic[i]), scale)
     joint.set("type", kind)

@@ -12,6 +12,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.error import FFmpegError
 from jaxtyping import Float
 
 from ..errors import InputError
@@ -61,12 +62,13 @@ class VideoFile:
         with _opened(self.path) as (container, stream):
             count = 0
             for frame in container.decode(stream):
-                if count == len(self.stamps):
-                    return
                 yield self._grey(frame)
                 count += 1
-        if count < len(self.stamps):
-            raise InputError(f"{self.path}: frame {count} of {len(self.stamps)} cannot be decoded; a complete video is wanted")
+                if count == len(self.stamps):  # a truncated file would raise on the next frame
+                    return
+        raise InputError(
+            f"{self.path}: frame {count} of {len(self.stamps)} cannot be decoded; a complete video is wanted"
+        )
 
     def _grey(self, frame: av.VideoFrame) -> Float[np.ndarray, "h w"]:
         if (frame.width, frame.height) != (self.width, self.height):
@@ -84,15 +86,13 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             stream = container.streams.video[0]
             stream.thread_type = "NONE"  # the same frames, whatever the number of cores
             yield container, stream
-    except (av.FFmpegError, OSError, ValueError) as error:
+    except (FFmpegError, OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: is no readable video ({' '.join(str(error).split())})") from error
 
 
-def open_video(
-    path: Path, width: int, height: int, fps: float | None
-) -> tuple[VideoFile, float, tuple[str, ...]]:
+def open_video(path: Path, width: int, height: int, fps: float | None) -> tuple[VideoFile, float, tuple[str, ...]]:
     """Open a video file whose pictures have the camera's size.
 
     Parameters
@@ -113,11 +113,12 @@ def open_video(
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     with _opened(path) as (container, stream):
-        if stream.width * stream.height > MAX_PIXELS:
-            raise InputError(f"{path}: is {stream.width} x {stream.height} pixels, over {MAX_PIXELS // 10**6} megapixels")
-        if (stream.width, stream.height) != (width, height):
+        size = (stream.codec_context.width, stream.codec_context.height)
+        if size[0] * size[1] > MAX_PIXELS:
+            raise InputError(f"{path}: is {size[0]} x {size[1]} pixels, over {MAX_PIXELS // 10**6} megapixels")
+        if size != (width, height):
             raise InputError(
-                f"{path}: is {stream.width} x {stream.height} pixels; {width} x {height}, the camera's size, is wanted"
+                f"{path}: is {size[0]} x {size[1]} pixels; {width} x {height}, the camera's size, is wanted"
             )
         promised = int(stream.frames or 0)
         rate = float(stream.average_rate or stream.guessed_rate or 0)

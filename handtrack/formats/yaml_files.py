@@ -1,8 +1,9 @@
 """A YAML file in, checked plain data with the line of every place out.
 
 Text that comes from elsewhere is read with limits (1 MB, depth 50, 100 alias expansions), and with the scalars of
-YAML 1.2's core schema: `1e-3` and `25e0` are numbers, `yes`, `1:30` and `2020-01-01` are text. Keys given twice, numbers
-that are not finite and tags other than the plain ones are errors. Every error is one line: file, line, place, what was wanted.
+YAML 1.2's core schema: `1e-3` and `25e0` are numbers, `yes`, `1:30` and `2020-01-01` are text. Keys given twice,
+numbers that are not finite and tags other than the plain ones are errors. Every error is one line: file, line, place,
+what was wanted.
 """
 
 import math
@@ -43,7 +44,9 @@ class Strict(BaseModel):
             for key in data:
                 if key not in known:
                     wanted = ", ".join(known)
-                    raise PydanticCustomError("unknown_key", "unknown key {key}; known are {wanted}", {"key": repr(key), "wanted": wanted})
+                    raise PydanticCustomError(
+                        "unknown_key", "unknown key {key}; known are {wanted}", {"key": repr(key), "wanted": wanted}
+                    )
         return data
 
 
@@ -78,7 +81,9 @@ class _Loader(Reader, Scanner, Parser, Composer, BaseResolver):
         if isinstance(event, yaml.AliasEvent):
             within = self.inside.get(event.anchor, 0)
             if within is None:
-                raise yaml.MarkedYAMLError(problem=f"alias '{event.anchor}' refers to itself", problem_mark=event.start_mark)
+                raise yaml.MarkedYAMLError(
+                    problem=f"alias '{event.anchor}' refers to itself", problem_mark=event.start_mark
+                )
             self.expansions += 1 + within
             if self.expansions > MAX_EXPANSIONS:
                 raise yaml.MarkedYAMLError(
@@ -233,20 +238,29 @@ def validate(document: Document, schema: type[SchemaT]) -> SchemaT:
         raise InputError(_say(document, details[0]) + more) from error
 
 
+def _has(data: Any, step: str | int) -> bool:
+    if isinstance(data, list):
+        return isinstance(step, int) and step < len(data)
+    return isinstance(data, dict) and step in data
+
+
 def _say(document: Document, detail: ErrorDetails) -> str:
     """One pydantic error as one line."""
     place: list[str | int] = []
     data = document.data
     for i, step in enumerate(detail["loc"]):
-        if (isinstance(data, dict) and step in data) or (isinstance(data, list) and isinstance(step, int)):
+        if _has(data, step):
             place.append(step)
-            data = data[step] if isinstance(data, dict) or int(step) < len(data) else None
+            data = data[step]
         elif detail["type"] == "missing" and i == len(detail["loc"]) - 1:
             return f"{at(document, place)} '{step}' is missing"
         # any other step is pydantic's own name for one form of a value
     message = detail["msg"]
-    if detail["type"] in ("unknown_key", "value_error"):
-        return f"{at(document, place)} {message.removeprefix('Value error, ')}"
+    if detail["type"] == "unknown_key":
+        return f"{at(document, place)} {message}"
+    if detail["type"].startswith("union_tag"):
+        wanted = detail.get("ctx", {}).get("expected_tags", "keys")
+        return f"{at(document, place)} its 'type' must be one of {wanted}"
     message = message.replace("Input should be ", "").replace("List should have", "a list with")
     message = message.replace("a valid dictionary or instance of", "keys of").replace("valid ", "")
     return f"{at(document, place)} {shorten(detail['input'])} given; wanted: {message}"

@@ -1,4 +1,4 @@
-"""A name in, a built-in model out: fingers and hands of the hand thesis with measured lengths, and its four test chains.
+"""A name in, a built-in model out: fingers and hands of the hand thesis with measured lengths, and its test chains.
 
 The tables (2.2, 2.3, 6.1, 6.2 and the chains of section 3.2) are rows of eq. (2.1); the thesis prints symbols for the
 lengths, so they come from anthropometry:
@@ -6,8 +6,8 @@ lengths, so they come from anthropometry:
 * hand length `HL` = 189 mm and breadth `HB` = 87 mm: median British men, Pheasant and Haslegrave, "Bodyspace", 3rd ed.,
   2005, table of hand dimensions;
 * segment lengths and places of the MCP and thumb CMC joints as fractions of `HL` and `HB`: Buchholz, Armstrong and
-  Goldstein, "Anthropometric data for describing the kinematics of the human hand", Ergonomics 35(3), 1992, 261-273. Their
-  distal segments end at the fingertip, so the last pill is shorter by its own radius: its cap ends there too;
+  Goldstein, "Anthropometric data for describing the kinematics of the human hand", Ergonomics 35(3), 1992, 261-273.
+  Their distal segments end at the fingertip, so the last pill is shorter by its own radius: its cap ends there too;
 * radii: the index finger's PIP joint is 21 mm wide and 19 mm thick, the thumb's IP joint 23 by 22 mm (the same table of
   "Bodyspace"). The other radii follow in round proportions chosen here; they are not measured values;
 * ranges: hand thesis, Table 2.1. It has no row for abduction at the MCP joints; those ranges are chosen here.
@@ -45,7 +45,7 @@ RADII = {
 # Table 2.1, degrees; flexion is positive.
 FINGER_RANGES = {"mcp": (-45.0, 90.0), "pip": (0.0, 100.0), "dip": (0.0, 80.0)}
 THUMB_RANGES = {"palmar": (0.0, 45.0), "radial": (0.0, 60.0), "mcp": (-10.0, 55.0), "ip": (-15.0, 80.0)}
-THUMB_CONTACT = 20.0  # radial angle from the index finger's direction at which these pills touch
+THUMB_CONTACT = 22.0  # radial angle from the index finger's direction at which these pills touch
 ABDUCTION = (-20.0, 20.0)
 THUMB_ABDUCTION = (-15.0, 15.0)
 
@@ -154,7 +154,7 @@ def _full_hand() -> Model:
     """Table 6.2 with the rows that the thesis left out: ring like little, index like middle; 21 joints.
 
     The thumb's zero pose lies in the palm's plane, in contact with the index finger, from where Table 2.1 measures;
-    `thumb_palmar` lifts it towards the palm's side and `thumb_radial` spreads it. Its last two joints open when positive.
+    `thumb_palmar` lifts it towards the palm's side, `thumb_radial` spreads it; its last two joints open when positive.
     """
     spread = (0.0, THUMB_RANGES["radial"][1] - THUMB_CONTACT)
     first, second, third = _links("thumb")

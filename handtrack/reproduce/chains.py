@@ -1,11 +1,11 @@
 """The four chains of the hand thesis, section 3.2, as least-squares problems ``q -> (residuals, Jacobian)``.
 
-Residuals are those of section 3.1.1: two per observed tip, eq. (3.1), and one per point on a link, its distance from the
-observed axial line ``a x + b y = rho``, eq. (3.2). Jacobians are eq. (3.7) and (3.8): the image point's derivative, and
-its component along the line's normal. Frames and their Jacobians come from `handtrack.kinematics`, the projection from
-`handtrack.camera`.
+Residuals are those of section 3.1.1: two per observed tip, eq. (3.1), and one per point on a link, its distance from
+the observed axial line ``a x + b y = rho``, eq. (3.2). Jacobians are eq. (3.7) and (3.8): the image point's derivative,
+and its component along the line's normal. Frames and their Jacobians come from `handtrack.kinematics`, the projection
+from `handtrack.camera`.
 
-The text lacks the figures with the set-ups of the first three chains; these were found by matching the printed iterates.
+The text lacks the figures with the set-ups of the first three chains; these follow from the printed iterates.
 """
 
 import math
@@ -88,8 +88,8 @@ def pr_chain() -> ChainProblem:
 def rr_chain() -> ChainProblem:
     """Section 3.2.4, Figures 3.20 and 3.24: r1 is the line of the base link, r2 of the terminal one.
 
-    The equations of the section pair them the other way round; only this pairing gives the printed costs. Those also tell
-    that the lines' parameters, printed with 3 and 4 decimals, were used in full: -sqrt(3)/2, and 3 + 5 sqrt(3)/2.
+    The equations of the section pair them the other way round; only this pairing gives the printed costs. Those also
+    tell that the lines' parameters, printed with 3 and 4 decimals, were used in full: -sqrt(3)/2, and 3 + 5 sqrt(3)/2.
     """
     half = math.sqrt(3.0) / 2.0
     lines = ((0.5, -half, 1.5), (1.0, 0.0, 3.0 + 5.0 * half))

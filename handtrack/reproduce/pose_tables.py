@@ -7,6 +7,7 @@ all the same, marked as not expected, and explained in the errata.
 
 import json
 import math
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ class PoseRow:
     k : int
         Number of the iterate as printed.
     ours_k : int
-        Number of our iterate beside it; differs in the last rows of Tables 3.4-3.6, where both have settled.
+        Number of our iterate beside it; it differs where the two runs settle after different numbers of steps.
     ours, printed : (j + 1,)
         Radians or the chain's length unit, then H; NaN where nothing is printed.
     expected : (j + 1,)
@@ -53,7 +54,7 @@ class PoseRow:
 class PoseTable:
     """One table: `name` as printed, the chain, its columns, rows, ideal pose, and what is wrong in print.
 
-    `steps` is the number of our first iterate whose next correction sums to 1e-5 or less; `status` the solver's verdict.
+    `steps` counts our corrections up to the first that sums to 1e-5 or less; `status` is the solver's verdict.
     """
 
     name: str
@@ -145,7 +146,7 @@ _RR = _Printed(
     ),
     errata=(
         "The printed k = 1 does not follow from the printed Jacobian; a correct step more than halves its cost.",
-        "The equations pair line r1 with the terminal link; the printed costs need r1 on the base link, r2 on the other.",
+        "The equations pair line r1 with the terminal link; the printed costs need r1 on the base link.",
     ),
 )
 _RR_FAR = _Printed(
@@ -166,7 +167,7 @@ _RR_FAR = _Printed(
         "The thesis says that this start leads to a pose which is not the ideal one. It does not: correct full steps "
         "raise the cost at k = 1, as printed, and then reach the ideal pose.",
         "The printed end is no minimum either: the cost falls there at a rate of 2.04 per radian of theta2.",
-        "Its lesson holds all the same: full steps can overshoot and raise the cost; short or trust-region steps do not.",
+        "Its lesson holds all the same: full steps can overshoot and raise the cost; trust-region steps do not.",
     ),
 )
 _RR_DAMPED = _Printed(
@@ -183,7 +184,7 @@ _RR_DAMPED = _Printed(
         (97, (-1.0471, -2.0944, 0.0), "111"),
     ),
     errata=(
-        "The printed k = 2 differs from a correct step as in Table 3.4; the printed end is reached 7 steps later.",
+        "The printed k = 2 differs from a correct step, as in Table 3.4; the printed end is reached 7 steps later.",
         "The remaining 1e-4 rad are 0.0057 degrees, not 0.0573.",
     ),
     eta=0.1,
@@ -228,7 +229,7 @@ def _computed(printed: _Printed, problem: ChainProblem) -> PoseTable:
     end = int(np.argmax(np.append(correction, 0.0) <= _SETTLED))
     rows = []
     for k, theirs, expected in printed.rows:
-        # A printed run and ours may settle after different numbers of steps: their last row stands beside our end.
+        # Ours may settle earlier or later than theirs: the last printed row stands beside our end, no row beyond it.
         is_last = k == printed.rows[-1][0]
         ours_k = end if is_last else min(k, end)
         rows.append(
@@ -246,7 +247,7 @@ def _computed(printed: _Printed, problem: ChainProblem) -> PoseTable:
         columns=printed.columns,
         rows=tuple(rows),
         ideal=np.array(printed.ideal),
-        steps=end,
+        steps=end + 1,
         status=path.status,
         errata=printed.errata,
     )
@@ -258,13 +259,13 @@ def as_text(tables: tuple[PoseTable, ...]) -> str:
     Returns
     -------
     str
-        Lines of at most 120 characters; ``=`` marks values that agree, ``x`` values that should and do not, ``~`` values
-        that cannot (see the errata).
+        Lines of at most 120 characters; ``=`` marks values that agree, ``x`` values that should and do not, ``~``
+        values that cannot (see the errata).
 
     Examples
     --------
     >>> print(as_text(pose_tables()[1:2]))
-    Table 3.2: chain P, Gauss-Newton settles after 1 step, reproduced
+    Table 3.2: chain P, Gauss-Newton stops at step 2, reproduced
         k       d1 ours    printed        H ours    printed
         0        1.0000 =   1.0000        1.5000 =   1.5000
         1        0.0000 =   0.0000        0.0000 =   0.0000
@@ -274,18 +275,19 @@ def as_text(tables: tuple[PoseTable, ...]) -> str:
 
 
 def _table_lines(table: PoseTable) -> list[str]:
-    plural = "" if table.steps == 1 else "s"
     verdict = "reproduced" if table.reproduced else "NOT REPRODUCED"
-    lines = [f"Table {table.name}: chain {table.chain}, Gauss-Newton settles after {table.steps} step{plural}, {verdict}"]
+    lines = [f"Table {table.name}: chain {table.chain}, Gauss-Newton stops at step {table.steps}, {verdict}"]
     lines.append("    k  " + "  ".join(f"{name + ' ours':>12}  {'printed':>9}" for name in table.columns))
     for row in table.rows:
         cells = []
         for ours, theirs, agrees, expected in zip(row.ours, row.printed, row.agrees, row.expected, strict=True):
             mark = "=" if agrees else "x" if expected else "~"
             cells.append(f"{_four(ours):>12} {mark} {_four(theirs):>8}")
-        later = f"  (ours: k = {row.ours_k})" if row.ours_k != row.k and row.ours_k == table.steps > row.k else ""
+        later = f"  (ours: k = {row.ours_k})" if row.ours_k > row.k else ""
         lines.append(f"{row.k:>5}  " + "  ".join(cells) + later)
-    return lines + [f"  {text}" for text in table.errata]
+    for text in table.errata:
+        lines += textwrap.wrap(text, 118, initial_indent="  * ", subsequent_indent="    ")
+    return lines
 
 
 def _four(value: float) -> str:
@@ -294,7 +296,7 @@ def _four(value: float) -> str:
 
 
 def as_json(tables: tuple[PoseTable, ...]) -> str:
-    """The tables as JSON: a list of objects with name, chain, columns, steps, status, reproduced, ideal, rows, errata.
+    """The tables as JSON: a list of objects with the fields of `PoseTable` and, in their rows, of `PoseRow`.
 
     Examples
     --------
@@ -315,7 +317,7 @@ def as_json(tables: tuple[PoseTable, ...]) -> str:
                     {
                         "k": row.k,
                         "ours_k": row.ours_k,
-                        "ours": row.ours.tolist(),
+                        "ours": (row.ours + 0.0).tolist(),
                         "printed": row.printed.tolist(),
                         "expected": row.expected.tolist(),
                         "agrees": row.agrees.tolist(),

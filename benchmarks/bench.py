@@ -1,0 +1,15 @@
+"""Side-by-side timings on one thread: `python benchmarks/bench.py [--json]`, the same as `handtrack bench` and `make bench`.
+
+The thread counts of the linear algebra libraries are read when they are loaded, hence the environment before the import.
+"""
+
+import os
+import sys
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[name] = "1"
+
+from handtrack.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main(["bench", *sys.argv[1:]]))

@@ -1,0 +1,33 @@
+"""`handtrack demo`: nothing in; a rendered sequence, its track, the errors and a page to look at out."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .console import note, say
+from .track import make_settings, summary_text, track_into
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder to write; an earlier demo there is replaced.")] = Path("handtrack-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Decides motion and noise.")] = 1,
+    frames: Annotated[int, typer.Option(min=2, help="Number of frames.")] = 60,
+) -> None:
+    """Render two fingers that cross, track them, evaluate the track, and write a page that shows it all."""
+    from ..evaluate import as_text, evaluate
+    from ..sequences import open_sequence
+    from .occlusion import make_scene
+    from .render import write_scene
+
+    run = out / "run"
+    note(f"rendering {frames} frames of two fingers into {out / 'sequence'}")
+    write_scene(out / "sequence", make_scene(seed, "crossing", frames))
+    note("tracking (the first run compiles for some seconds)")
+    sequence = open_sequence(out / "sequence")
+    track = track_into(run, sequence, make_settings({}))
+    if sequence.truth is not None:
+        say(as_text(evaluate(track, sequence.truth, sequence.model, sequence.camera)))
+    text, _ = summary_text(track, run).rsplit("\n", 1)
+    say(text)
+    say(f"open in a browser: {(run / 'report.html').absolute().as_uri()}")

@@ -1,0 +1,68 @@
+"""`handtrack reproduce`: the name of a published result in, theirs beside ours out."""
+
+from typing import Annotated, Literal
+
+import typer
+
+from ..errors import InputError
+from .console import progress, say, say_json, table
+from .track import Residuals, Solver, make_settings
+
+app = typer.Typer(help="Published tables and figures, theirs beside ours.")
+
+_Json = Annotated[bool, typer.Option("--json", help="JSON for machines.")]
+
+
+@app.command("pose-tables")
+def pose_tables(as_json: _Json = False) -> None:
+    """Tables 3.1 to 3.6 of the hand thesis: iterates of Gauss-Newton on the R, P, PR and RR chains."""
+    from ..reproduce import pose_tables as tables
+
+    result = tables.pose_tables()
+    say((tables.as_json if as_json else tables.as_text)(result).rstrip())
+
+
+@app.command("two-finger-occlusion")
+def two_finger_occlusion(
+    motions: Annotated[int, typer.Option(help="Number of seeded motions.")] = 20,
+    variant: Annotated[
+        Literal["crossing", "hard"],
+        typer.Option(help="`hard`: perspective, noise 6, up to 8 degrees a frame, start wrong by 3 degrees."),
+    ] = "crossing",
+    residuals: Annotated[Residuals, typer.Option(help="Residuals of the pose estimation.")] = "outline",
+    solver: Annotated[Solver, typer.Option(help="How a pose is found.")] = "levenberg-marquardt",
+    first_seed: Annotated[int, typer.Option(help="Seed of the first motion; the others follow.")] = 0,
+    frames: Annotated[int, typer.Option(help="Frames of each motion.")] = 60,
+    as_json: _Json = False,
+) -> None:
+    """Section 6.1 of the hand thesis: the index finger crosses in front of the middle finger."""
+    from .occlusion import as_data
+    from .occlusion import two_finger_occlusion as run
+
+    for name, value, least in (("motions", motions, 1), ("frames", frames, 2), ("first-seed", first_seed, 0)):
+        if value < least:
+            raise InputError(f"--{name}: {value} given; at least {least} was wanted")
+    settings = make_settings({"residuals": residuals, "solver": solver})
+    with progress("motions", motions) as done:
+        result = run(motions, variant, settings, first_seed, frames, done)
+    facts = as_data(result, variant, settings)
+    if as_json:
+        say_json(facts)
+        return
+    header = ["motion", "worst joint", "RMSE deg", "lost", "NEES"]
+    columns = zip(result.seed, result.worst_joint, result.worst_rmse, result.lost, result.nees, strict=True)
+    say(table(header, [[int(s), j, float(r) * 57.29577951308232, int(n), float(e)] for s, j, r, n, e in columns]))
+    say(
+        f"\nworst joint's RMSE, median over {motions} motions: {facts['worst_rmse_median_deg']:.3f} deg, "
+        f"largest {facts['worst_rmse_largest_deg']:.3f}; motions lost: {facts['motions_lost']}"
+    )
+    low, high = result.band
+    say(
+        f"NEES {facts['nees_mean']:.2f} for {facts['nees_dof']:.0f} degrees of freedom; in the 95 % band "
+        f"{low:.2f} to {high:.2f} in {100 * result_share(facts):.0f} % of the frames"
+    )
+
+
+def result_share(facts: dict[str, object]) -> float:
+    """Share of frames inside the band."""
+    return float(facts["nees_frames_in_band"])  # type: ignore[arg-type]

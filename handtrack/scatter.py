@@ -1,0 +1,130 @@
+"""Residuals of a solved frame in, how far the edges really scatter out: the sigmas of a pose are only as honest as this.
+
+Edge errors of one side of a link share a cause: a shading that is slightly off, a radius that is slightly wrong. So the
+error of edge i in group c is modelled as
+
+    e_i = s sigma_i eps_i + tau b_c,      eps, b standard normal
+
+with a factor s on the claimed sigmas and a common offset of standard deviation tau pixels. Both are found by the method of
+moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within the groups tells s, scatter between their means tau. Both are averaged over frames: where
+the model is wrong, tau grows by itself and every sigma with it. Generalised least squares under this model only needs a
+share of each group's weighted mean taken off residuals and Jacobian (`decorrelate`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .residuals import Residual
+
+_MEMORY = 0.9  # weight of earlier frames
+_CUT, _OUTLIER = 2.5, 5.0
+_LEAST_S2, _LEAST_TAU = 0.5, 1e-3
+_FIRST_TAU = 0.05  # pixels
+_FIRST_WEIGHT = 0.3  # of the first guess, in frames
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """Running moments and what follows from them.
+
+    Attributes
+    ----------
+    s, tau : float
+        Factor on the claimed sigmas, and standard deviation of the common offset of a group, pixels.
+    moments, response : (2,), (2, 2)
+        Accumulated sums of squares within and between groups, and their expectation per unit of `s^2` and `tau^2`.
+    """
+
+    s: float
+    tau: float
+    moments: Float[np.ndarray, " 2"]
+    response: Float[np.ndarray, "2 2"]
+
+
+def first_scatter() -> Scatter:
+    """Before any frame: sigmas as claimed, offsets of a twentieth of a pixel."""
+    response = _FIRST_WEIGHT * np.eye(2)
+    return Scatter(1.0, _FIRST_TAU, response @ [1.0, _FIRST_TAU**2], response)
+
+
+def common_share(
+    sigma: Float[np.ndarray, " n"], group: Int[np.ndarray, " n"], s: float, tau: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " c"]]:
+    """Unit vector of each group in units of sigma, and the share of it to take off.
+
+    In these units the covariance of a group is `I + t v v^T` with `v_i` proportional to `1 / sigma_i` and
+    `t = tau^2 sum(1 / (s sigma_i)^2)`; its inverse square root is `I - (1 - 1 / sqrt(1 + t)) v v^T`.
+    """
+    weight = 1.0 / (s * sigma) ** 2
+    total = np.bincount(group, weight)
+    share = 1.0 - 1.0 / np.sqrt(1.0 + tau**2 * total)
+    return np.sqrt(weight / np.maximum(total[group], 1e-300)), share
+
+
+def decorrelate(
+    residual: Residual, sigma: Float[np.ndarray, " n"], group: Int[np.ndarray, " n"], scatter: Scatter
+) -> Residual:
+    """Residuals in units of sigma with independent errors of unit variance, for a residual function in units of sigma."""
+    v, share = common_share(sigma, group, scatter.s, scatter.tau)
+    count = share.size
+    member = np.zeros((count, group.size))
+    member[group, np.arange(group.size)] = v
+    off = (member * share[:, None]).T
+
+    def independent(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+        r, J = residual(u)
+        return (r - off @ (member @ r)) / scatter.s, (J - off @ (member @ J)) / scatter.s
+
+    return independent
+
+
+def learn_scatter(
+    scatter: Scatter,
+    r: Float[np.ndarray, " n"],
+    J: Float[np.ndarray, "n k"],
+    z: Float[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+    group: Int[np.ndarray, " n"],
+    gain: Float[np.ndarray, "k n"],
+) -> Scatter:
+    """Blend one frame's residuals in.
+
+    Parameters
+    ----------
+    r, J : (n,), (n, k)
+        Residuals and Jacobian in pixels at the solution.
+    z : (n,)
+        Size of the residuals in units of their robust scale: edges beyond 5 are left out, beyond 2.5 cut down to it.
+    gain : (k, n)
+        Linear map from edge errors (pixels) to the solution's error.
+    """
+    kept = z < _OUTLIER
+    r, J, gain = (r * np.minimum(1.0, _CUT / np.maximum(z, 1e-9)))[kept], J[kept], gain[:, kept]
+    w = 1.0 / sigma[kept] ** 2
+    present, member = np.unique(group[kept], return_inverse=True)
+    Z = (member[:, None] == np.arange(present.size)).astype(float)
+    weight_of = Z.T @ w
+    mean = (Z * w[:, None]).T / weight_of[:, None]
+    left_of_groups = Z - J @ (gain @ Z)  # what a common offset leaves in each residual
+    means_of_groups = mean @ left_of_groups
+    means_of_edges = mean - (mean @ J) @ gain  # what the group means see of each edge's error
+    leverage = float((J * gain.T).sum())
+    within_groups = left_of_groups - Z @ means_of_groups
+    mean_r = mean @ r
+    moments = np.array([(w * (r - Z @ mean_r) ** 2).sum(), (weight_of * mean_r**2).sum()])
+    between = float((weight_of * (means_of_edges**2 @ (1.0 / w))).sum())
+    response = np.array(
+        [
+            [max(r.size - leverage - between, 1.0), (w[:, None] * within_groups**2).sum()],
+            [between, (weight_of[:, None] * means_of_groups**2).sum()],
+        ]
+    )
+    size = np.array([response[0, 0], response[1, 1]])  # both moments as means, so that frames count alike
+    moments = _MEMORY * scatter.moments + moments / size
+    response = _MEMORY * scatter.response + response / size[:, None]
+    s2, tau2 = np.linalg.solve(response, moments)
+    if tau2 < _LEAST_TAU**2:
+        s2, tau2 = moments[0] / response[0, 0], _LEAST_TAU**2
+    return Scatter(float(np.sqrt(max(s2, _LEAST_S2))), float(np.sqrt(tau2)), moments, response)
