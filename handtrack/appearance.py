@@ -143,14 +143,17 @@ def _fit(
     """Iteratively reweighted least squares with memory; a point as dark as the background starts without weight."""
     design = basis * gain[:, None]
     foreground = np.abs(target - background)
-    weight = (foreground > 0.25 * np.median(foreground)).astype(float)
+    typical = float(np.median(foreground))
+    weight = (foreground > 0.1 * typical).astype(float)
     ridge = _RIDGE * target.size * np.diag(_DEGREE**2)
     matrix, vector, spread = memory[0], memory[1], 0.0
     for step in range(4 if shading is None else 2):
         if shading is not None or step > 0:
             residual = target - design @ shading
             spread = float(1.4826 * np.median(np.abs(residual[weight > 0])) + 1e-6) if (weight > 0).any() else 1.0
-            weight = np.where(np.abs(residual) < 4.7 * spread, (1.0 - (residual / (4.7 * spread)) ** 2) ** 2, 0.0)
+            # The cut leaves room for a shaded side that the shading has not learnt yet, or it never would.
+            cut = 4.7 * max(spread, 0.1 * typical)
+            weight = np.where(np.abs(residual) < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
         weighted = design * weight[:, None]
         matrix = _MEMORY * memory[0] + weighted.T @ design
         vector = _MEMORY * memory[1] + weighted.T @ target

@@ -1,4 +1,4 @@
-"""Claims about the tables of the hand thesis, section 3.2: each value that a correct computation gives, and the errata."""
+"""Claims about the tables of the hand thesis, section 3.2: every reproducible value, and the errata."""
 
 import json
 import math
@@ -15,8 +15,8 @@ TABLES = {table.name: table for table in pose_tables()}
 PROBLEMS = {"r": r_chain, "p": p_chain, "pr": pr_chain, "rr": rr_chain}
 FAR = np.radians([30.0, -60.0])
 
-# Every value that Gauss-Newton reproduces to the printed decimals: table, iterate, joint values and cost (None: the cost
-# of that row is not claimed).
+# Every value that Gauss-Newton reproduces to the printed decimals: table, iterate, joint values and cost (None: the
+# cost of that row is not claimed).
 REPRODUCED = [
     ("3.1", 0, (2.0944,), 4.9744),
     ("3.1", 1, (1.5727,), 0.0001),

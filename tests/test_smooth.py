@@ -504,7 +504,7 @@ def test_an_unmeasured_joint_is_only_predicted():
     for z in ([1.1, 2.2], [1.2, np.nan], [1.3, np.nan]):
         ahead = ghk_predict(state, DT, chosen)
         state = ghk_update(ahead, np.array(z), chosen)
-    assert state.q[1] == ahead.q[1]
+    assert state.q[1] == ahead.q[1] == pytest.approx(2.6, abs=1e-3)
     np.testing.assert_array_equal(state.information[1], ahead.information[1])
     assert state.q[0] == pytest.approx(1.3)
 
@@ -553,7 +553,7 @@ def test_extreme_discounts_believe_all_or_nothing():
         (lambda: critically_damped_gains(1.5), "theta: 1.5 is not between 0 and 1"),
         (lambda: ghk_noise_gain(0.0), "theta: 0.0 is not between 0 and 1"),
         (lambda: ghk_start(np.array([np.nan])), "q: the first pose [nan] is not finite"),
-        (lambda: ghk_start(np.zeros(1), 0.0), "velocity_weight, acceleration_weight: 0.0, 1e-09 must be > 0"),
+        (lambda: ghk_start(np.zeros(1), 0.0), "velocity_weight, acceleration_weight: 0.0, 1e-07 must be > 0"),
         (lambda: ghk_predict(ghk_start(np.zeros(1)), -1.0, Ghk(0.5, DT)), "dt: -1.0 is not a finite time step >= 0"),
     ],
 )

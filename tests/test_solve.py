@@ -381,7 +381,7 @@ def test_arguments_out_of_range_are_named(change, message):
 def test_a_function_that_does_not_fit_is_named():
     with pytest.raises(ValueError, match=re.escape("fun: Jacobian of shape (2, 2), wanted (2, 3)")):
         solve(rosenbrock, np.zeros(3))
-    with pytest.raises(ValueError, match="fun: residual or Jacobian at the start .* is not finite"):
+    with pytest.raises(ValueError, match=r"fun: residual or Jacobian at the start .* is not finite"):
         solve(lambda x: (np.array([np.nan]), np.ones((1, 1))), np.zeros(1))
 
 

@@ -25,7 +25,6 @@ from ..formats.model_writing import model_text, write_model
 from ..formats.images import ImageFiles
 from ..formats.models import read_model
 from ..formats.tracks import read_track, write_track
-from ..formats.poses import code_units
 from ..formats.truths import read_truth
 from ..formats.writing import folder_written_whole, write_text
 from ..kinematics import Model
@@ -33,6 +32,7 @@ from ..report import RunInfo, write_overlay, write_report
 from ..sequences import Sequence, Truth
 from ..settings import Settings
 from ..track import Track
+from .texts import camera_text, degrees, truth_text
 
 RUN_FILE, FORMAT = "run.json", "handtrack/run-1"
 _PACKAGES = ("handtrack", "numpy", "scipy", "opencv-python-headless", "scikit-image", "shapely", "numba")
@@ -50,22 +50,27 @@ class Run:
 
 
 @contextmanager
-def run_folder(out: Path) -> Iterator[Path]:
-    """Folder to write a run into; it becomes `out` when the block ends well, and vanishes when it does not.
+def whole_folder(out: Path, marker: str, kind: str) -> Iterator[Path]:
+    """Folder to write into; it becomes `out` when the block ends well, and vanishes when it does not.
+
+    Parameters
+    ----------
+    marker, kind : str
+        File that every earlier folder of this kind holds, and what it is called; such a folder is replaced.
 
     Raises
     ------
     InputError
-        If `out` is a file, or a folder that is neither empty nor an earlier run.
+        If `out` is a file, or a folder that is neither empty nor of this kind.
     """
-    if out.is_dir() and any(out.iterdir()) and not (out / RUN_FILE).is_file():
-        raise InputError(f"--out: {out} holds other files; a new or empty folder, or an earlier run, was wanted")
+    if out.is_dir() and any(out.iterdir()) and not (out / marker).is_file():
+        raise InputError(f"--out: {out} holds other files; a new or empty folder, or an earlier {kind}, was wanted")
     blocked = next((place for place in (out, *out.parents) if place.exists() and not place.is_dir()), None)
     if blocked is not None:
         raise InputError(f"--out: {blocked} is a file; a folder was wanted")
     missing = [place for place in out.absolute().parents if not place.exists()]
     try:
-        with folder_written_whole(out, replace=True) as folder:
+        with folder_written_whole(out.absolute(), replace=True) as folder:
             yield folder
     except BaseException:
         for place in missing:
@@ -98,7 +103,7 @@ def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings
         "sequence": info.title,
         "frames": int(track.frame.size),
         "fps": sequence.fps,
-        "start": start_in_degrees(sequence),
+        "start": {} if sequence.start is None else degrees(sequence.model, sequence.start),
         "settings": asdict(settings),
         "versions": dict(versions),
         "inputs": dict(inputs),
@@ -130,43 +135,6 @@ def open_run(folder: Path, truth: Path | None) -> Run:
     camera = read_camera(folder / "camera.yaml")
     known, _ = read_truth(table, model)
     return Run(read_track(folder, model), model, camera, known)
-
-
-def camera_text(camera: Camera) -> str:
-    """A camera as a YAML file of its own, so that reading it gives the same numbers."""
-    scale = f"scale: {camera.fx!r}" if camera.kind == "orthographic" else f"fx: {camera.fx!r}, fy: {camera.fy!r}"
-    lines = [
-        "format: handtrack/camera-1",
-        "camera:",
-        f"  type: {camera.kind}",
-        f"  width: {camera.width}",
-        f"  height: {camera.height}",
-        *(f"  {item}" for item in scale.split(", ")),
-        f"  cx: {camera.cx!r}",
-        f"  cy: {camera.cy!r}",
-        f"  R: {camera.R.tolist()}",
-        f"  t: {camera.t.tolist()}",
-    ]
-    if camera.kind == "perspective" and camera.distortion.any():
-        lines.append(f"  distortion: {camera.distortion.tolist()}")
-    return "\n".join(lines) + "\n"
-
-
-def truth_text(truth: Truth, model: Model) -> str:
-    """Text of `truth.csv`: the joints that have a value in every frame."""
-    units, known = code_units(model), np.flatnonzero(np.isfinite(truth.q).all(axis=0))
-    lines = [",".join(["frame", *(model.joint_names[joint] for joint in known)])]
-    values = truth.q[:, known] / units[known]
-    lines += [f"{number},{','.join(f'{value:.10g}' for value in row)}" for number, row in zip(truth.frame, values, strict=True)]
-    return "\n".join(lines) + "\n"
-
-
-def start_in_degrees(sequence: Sequence) -> dict[str, float]:
-    """The start pose as a sequence file has it: degrees, model units where a joint slides."""
-    if sequence.start is None:
-        return {}
-    values = sequence.start / code_units(sequence.model)
-    return {name: float(f"{value:.10g}") for name, value in zip(sequence.model.joint_names, values, strict=True)}
 
 
 def title(path: Path) -> str:

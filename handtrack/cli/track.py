@@ -115,11 +115,11 @@ def track_into(out: Path, sequence: "Sequence", settings: "Settings") -> "Track"
     from time import perf_counter
 
     from ..tracker import track as follow
-    from .record import run_folder, write_run
+    from .record import RUN_FILE, whole_folder, write_run
 
     if sequence.start is None:
         raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
-    with run_folder(out) as folder:
+    with whole_folder(out, RUN_FILE, "run") as folder:
         begun = perf_counter()
         with progress("tracking", len(sequence.frames)) as done:
             result = follow(
