@@ -1,6 +1,6 @@
-"""Side-by-side timings on one thread: `python benchmarks/bench.py [--json]`, the same as `handtrack bench` and `make bench`.
+"""Side-by-side timings on one thread: `python benchmarks/bench.py [--json]`, as `handtrack bench` and `make bench`.
 
-The thread counts of the linear algebra libraries are read when they are loaded, hence the environment before the import.
+Linear algebra libraries read their thread counts when they are loaded, hence the environment before the import.
 """
 
 import os

@@ -189,13 +189,13 @@ def sample_lines(image, origin, direction, u, order, values, inside):  # pragma:
 
 @njit(cache=True)
 def shade(c, gain, x, y, z):  # pragma: no cover - compiled
-    """Quartic shading of a unit normal, the sum of `appearance.harmonics`; twin: `appearance.shade_numpy`."""
+    """Quartic plus one light of a unit normal, the sum of `appearance.harmonics`; twin: `appearance.shade_numpy`."""
     flat = c[0] + x * (c[1] + x * (c[3] + x * (c[6] + x * c[10])))
     flat += y * (c[2] + x * (c[4] + x * (c[7] + x * c[11])))
     flat += y * y * (c[5] + x * (c[8] + x * c[12])) + y * y * y * (c[9] + x * c[13] + y * c[14])
     deep = c[15] + x * (c[16] + x * (c[18] + x * c[21])) + y * (c[17] + x * (c[19] + x * c[22]))
     deep += y * y * (c[20] + x * c[23] + y * c[24])
-    return gain * (flat + z * deep)
+    return gain * (flat + z * deep + max(c[25] * x + c[26] * y + c[27] * z, 0.0))
 
 
 @njit(cache=True)

@@ -2,9 +2,9 @@
 
 The thesis keeps templates from a frame without occlusion and supposes constant light; links that turn break that
 supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a polynomial
-of degree four on the sphere, times a gain for each link, learnt robustly from the image and carried over time, so that a
-template can be rendered at the present pose. Degree two would do for most light on a matt surface (Ramamoorthi and
-Hanrahan 2001); the rest is for the line where the light ends, and for broad highlights.
+of degree four on the sphere plus one distant light, `max(n . l, 0)`, times a gain for each link, learnt robustly from the
+image and carried over time, so that a template can be rendered at the present pose. Degree two would do for most light on a
+matt surface (Ramamoorthi and Hanrahan 2001); the rest is for broad highlights, and the light for the line where it ends.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from .camera import Camera, rays
 from .pills import Pills, ray_hits
 from .profiles import place_across, sample
 
-_RIDGE = 3e-6  # pull of each coefficient towards zero, growing with the square of its degree
+_RIDGE = 3e-5  # pull of each coefficient towards zero, growing with the square of its degree
 _MEMORY = 0.8  # weight of what earlier frames told, for each new frame
 
 
@@ -26,25 +26,25 @@ class Appearance:
 
     Attributes
     ----------
-    shading : (25,)
-        Coefficients of grey level over the normal in camera axes, basis of `harmonics`.
+    shading : (28,)
+        Coefficients of grey level over the normal in camera axes: 25 for the basis of `harmonics`, then the light l.
     gain : (l,)
         Factor of each link.
     background, noise : float
         Grey level behind the hand, and standard deviation of the pixel noise.
     spread : float
         Standard deviation of grey level about the fitted shading: noise and what the shading cannot express.
-    normal_matrix, normal_vector : (25, 25), (25,)
+    normal_matrix, normal_vector : (26, 26), (26,)
         Accumulated least-squares sums, the memory over time.
     """
 
-    shading: Float[np.ndarray, " 25"]
+    shading: Float[np.ndarray, " 28"]
     gain: Float[np.ndarray, " l"]
     background: float
     noise: float
     spread: float
-    normal_matrix: Float[np.ndarray, "25 25"]
-    normal_vector: Float[np.ndarray, " 25"]
+    normal_matrix: Float[np.ndarray, "26 26"]
+    normal_vector: Float[np.ndarray, " 26"]
 
 
 _POWERS = [(a - b, b) for a in range(5) for b in range(a + 1)]  # x^i y^j up to degree 4
@@ -68,8 +68,13 @@ def harmonics(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 25"]:
 
 def shade_numpy(appearance: Appearance, normal: Float[np.ndarray, "n 3"], link: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Expected grey level of surface points; the background's where `link` is -1."""
-    level = appearance.gain[np.maximum(link, 0)] * (harmonics(normal) @ appearance.shading)
+    level = appearance.gain[np.maximum(link, 0)] * shaded(appearance.shading, normal)
     return np.where(link >= 0, level, appearance.background)
+
+
+def shaded(shading: Float[np.ndarray, " 28"], normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Grey level of unit normals before any link's gain."""
+    return harmonics(normal) @ shading[:25] + np.maximum(normal @ shading[25:], 0.0)
 
 
 def learn(
@@ -86,18 +91,68 @@ def learn(
     on = hits.pill >= 0
     noise = _noise(image, points, on)
     background = float(np.median(level[~on])) if (~on).any() else (previous.background if previous else 0.0)
-    basis, target, link = harmonics(hits.normal[on]), level[on], hits.pill[on]
+    normal, target, link = hits.normal[on], level[on], hits.pill[on]
     gain = previous.gain if previous else np.ones(pills.base.shape[0])
     if previous is not None and previous.noise > 0.0:
         noise = _MEMORY * previous.noise + (1.0 - _MEMORY) * noise
         background = _MEMORY * previous.background + (1.0 - _MEMORY) * background
     if target.size < 20:
         return replace(previous, noise=noise) if previous else _flat(pills, background, noise, level)
-    memory = (previous.normal_matrix, previous.normal_vector) if previous else (np.zeros((25, 25)), np.zeros(25))
-    start = previous.shading if previous else None
-    matrix, vector, shading, weight, spread = _fit(basis, target, gain[link], memory, start, background)
-    gain = _gains(gain, link, target, basis @ shading, weight)
+    weight = _plausible(normal, target, gain[link], background, noise, previous)
+    light = _light(normal, target / gain[link], weight, previous.shading[25:] if previous else None)
+    design = np.column_stack([harmonics(normal), np.maximum(normal @ light, 0.0)]) * gain[link, None]
+    matrix, vector = (design * weight[:, None]).T @ design, (design * weight[:, None]).T @ target
+    if previous is not None:
+        matrix, vector = matrix + _MEMORY * previous.normal_matrix, vector + _MEMORY * previous.normal_vector
+    solution = np.linalg.solve(matrix + _RIDGE * target.size * np.diag(np.append(_DEGREE**2, 0.0) + 1e-3), vector)
+    shading = np.append(solution[:25], max(solution[25], 0.0) * light)
+    residual = target - gain[link] * shaded(shading, normal)
+    spread = float(1.4826 * np.median(np.abs(residual[weight > 0]))) if (weight > 0).any() else noise
+    gain = _gains(gain, link, target, shaded(shading, normal), weight)
     return Appearance(shading, gain, background, noise, spread, matrix, vector)
+
+
+def _plausible(
+    normal: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, " n"],
+    gain: Float[np.ndarray, " n"],
+    background: float,
+    noise: float,
+    previous: Appearance | None,
+) -> Float[np.ndarray, " n"]:
+    """Weight of each point: none for what is as dark as the background at the start, or far from the known shading.
+
+    The cut leaves room for a shaded side that the shading has not learnt yet, or it never would.
+    """
+    foreground = np.abs(target - background)
+    typical = float(np.median(foreground))
+    if previous is None:
+        return (foreground > max(0.1 * typical, 3.0 * noise)).astype(float)
+    residual = target - gain * shaded(previous.shading, normal)
+    cut = 4.7 * max(1.4826 * float(np.median(np.abs(residual))), 0.06 * typical)
+    return np.where(np.abs(residual) < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
+
+
+def _light(
+    normal: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, " n"],
+    weight: Float[np.ndarray, " n"],
+    previous: Float[np.ndarray, " 3"] | None,
+) -> Float[np.ndarray, " 3"]:
+    """Direction of the one light that with a constant explains the grey levels best, by alternating least squares.
+
+    Given which points are lit, level and light are linear; given the light, so is which points are lit.
+    """
+    light = previous if previous is not None and previous.any() else np.array([0.0, 0.0, -1.0])
+    for _ in range(4 if previous is None else 2):
+        lit = normal * (normal @ light > 0)[:, None]
+        design = np.column_stack([np.ones(target.size), lit])
+        weighted = design * weight[:, None]
+        ridge = 1e-3 * max(float(weight.sum()), 1.0) * np.eye(4)
+        light = np.linalg.solve(weighted.T @ design + ridge, weighted.T @ target)[1:]
+        size = float(np.linalg.norm(light))
+        light = light / size if size > 1e-6 else np.array([0.0, 0.0, -1.0])
+    return light
 
 
 def _surface_samples(
@@ -105,7 +160,7 @@ def _surface_samples(
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     across = place_across(pills, camera, 8)
     radius = np.array([_seen_radius(pills, camera, k) for k in range(pills.base.shape[0])])[across.link]
-    share = np.array([-1.35, -1.2, -0.92, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 0.92, 1.2, 1.35])
+    share = np.array([-1.35, -1.2, -0.955, -0.9, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 0.9, 0.955, 1.2, 1.35])
     points = across.origin[:, None, :] + (radius[:, None] * share)[..., None] * across.direction[:, None, :]
     flat = points.reshape(-1, 2)
     zero = np.zeros(flat.shape[0], dtype=int)
@@ -132,36 +187,6 @@ def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on
     return float(max(1.4826 * np.median(np.abs(second - np.median(second))) / np.sqrt(6.0), 0.29))
 
 
-def _fit(
-    basis: Float[np.ndarray, "n 25"],
-    target: Float[np.ndarray, " n"],
-    gain: Float[np.ndarray, " n"],
-    memory: tuple[Float[np.ndarray, "25 25"], Float[np.ndarray, " 25"]],
-    shading: Float[np.ndarray, " 25"] | None,
-    background: float,
-) -> tuple[Float[np.ndarray, "25 25"], Float[np.ndarray, " 25"], Float[np.ndarray, " 25"], Float[np.ndarray, " n"], float]:
-    """Iteratively reweighted least squares with memory; a point as dark as the background starts without weight."""
-    design = basis * gain[:, None]
-    foreground = np.abs(target - background)
-    typical = float(np.median(foreground))
-    weight = (foreground > 0.1 * typical).astype(float)
-    ridge = _RIDGE * target.size * np.diag(_DEGREE**2)
-    matrix, vector, spread = memory[0], memory[1], 0.0
-    for step in range(4 if shading is None else 2):
-        if shading is not None or step > 0:
-            residual = target - design @ shading
-            spread = float(1.4826 * np.median(np.abs(residual[weight > 0])) + 1e-6) if (weight > 0).any() else 1.0
-            # The cut leaves room for a shaded side that the shading has not learnt yet, or it never would.
-            cut = 4.7 * max(spread, 0.1 * typical)
-            weight = np.where(np.abs(residual) < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
-        weighted = design * weight[:, None]
-        matrix = _MEMORY * memory[0] + weighted.T @ design
-        vector = _MEMORY * memory[1] + weighted.T @ target
-        shading = np.linalg.solve(matrix + ridge, vector)
-    assert_shading = np.zeros(25) if shading is None else shading
-    return matrix, vector, assert_shading, weight, spread
-
-
 def _gains(
     gain: Float[np.ndarray, " l"],
     link: Int[np.ndarray, " n"],
@@ -179,6 +204,6 @@ def _gains(
 def _flat(pills: Pills, background: float, noise: float, level: Float[np.ndarray, " n"]) -> Appearance:
     """A surface of one grey level, when next to nothing of the model is in the image."""
     brightest = float(level.max()) if level.size else 255.0
-    shading = np.zeros(25)
+    shading = np.zeros(28)
     shading[0] = brightest
-    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((25, 25)), np.zeros(25))
+    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((26, 26)), np.zeros(26))

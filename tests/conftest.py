@@ -1,4 +1,4 @@
-"""Shapes and types are checked while the tests run: jaxtyping's import hook with beartype on every module but the kernels.
+"""Shapes and types are checked while the tests run: jaxtyping's hook with beartype on every module but the kernels.
 
 The hook decorates each function beneath its other decorators, which numba cannot compile; so modules are named one by
 one and `_kernels` is left out (its NumPy twins are checked).

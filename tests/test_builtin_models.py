@@ -1,5 +1,6 @@
 """The built-in models against the tables of the hand thesis and against what a hand looks like."""
 
+import itertools
 import math
 
 import numpy as np
@@ -102,7 +103,7 @@ def test_neighbouring_fingers_touch_at_most_where_they_are_not_spread():
     hand = model("full_hand")
     base, _ = ends("full_hand")
     knuckles = sorted((base[i, 0], hand.link_radius[i, 0]) for i in range(0, 12, 3))
-    gaps = [b[0] - a[0] - a[1] - b[1] for a, b in zip(knuckles, knuckles[1:], strict=False)]
+    gaps = [b[0] - a[0] - a[1] - b[1] for a, b in itertools.pairwise(knuckles)]
     assert min(gaps) > -2.0
     assert knuckles[-1][0] - knuckles[0][0] < HAND_BREADTH
 
@@ -167,4 +168,6 @@ def test_chains_of_section_3_2_project_as_the_thesis_prints():
     np.testing.assert_allclose(np.array([[0, 0, 1, 0], [0, 1, 0, 0]]) @ point, [d, P], atol=1e-12)  # section 3.2.2
     rr = model("rr")
     _, tip = link_ends(rr, forward(rr, np.array([angle, 0.3])))
-    np.testing.assert_allclose(tip[1, :2], 5 * np.array([math.cos(angle) + math.cos(angle + 0.3), math.sin(angle) + math.sin(angle + 0.3)]))
+    np.testing.assert_allclose(
+        tip[1, :2], 5 * np.array([math.cos(angle) + math.cos(angle + 0.3), math.sin(angle) + math.sin(angle + 0.3)])
+    )

@@ -4,6 +4,7 @@ import os
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -93,7 +94,7 @@ def test_pictures_over_64_megapixels_are_refused_before_decoding(tmp_path):
         content[16:24] = struct.pack(">II", side, side)
         content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
         path.write_bytes(content)
-        with pytest.raises(InputError, match="over 64 megapixels|not decoded"):
+        with pytest.raises(InputError, match=r"over 64 megapixels|not decoded"):
             read_header(path)
         with pytest.raises(InputError, match="not decoded"):
             read_image(path)
@@ -181,14 +182,24 @@ def test_patterns_that_match_nothing_are_refused(tmp_path):
         image_paths(tmp_path / "none")
 
 
-def video(path: Path, count: int = 12, codec: str = "mpeg4", size: tuple[int, int] = (64, 48), **options: str) -> Path:
-    """Frames of flat grey that rises by 15 from each to the next."""
+def video(
+    path: Path,
+    count: int = 12,
+    codec: str = "mpeg4",
+    size: tuple[int, int] = (64, 48),
+    b_frames: int = 0,
+    **options: str,
+) -> Path:
+    """Frames of flat grey that rises by 15 from each to the next, and starts again at the top."""
     with av.open(str(path), "w", options=options) as container:
-        stream = container.add_stream(codec, rate=25)
+        stream: Any = container.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt, stream.bit_rate = *size, "yuv420p", 4_000_000
         stream.gop_size = 5
+        stream.codec_context.max_b_frames = b_frames
         for i in range(count):
-            frame = av.VideoFrame.from_ndarray(np.full((size[1], size[0], 3), 30 + 15 * i, np.uint8), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(
+                np.full((size[1], size[0], 3), (30 + 15 * i) % 256, np.uint8), format="rgb24"
+            )
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
@@ -217,6 +228,57 @@ def test_a_truncated_video_is_read_as_far_as_it_goes_with_a_warning(tmp_path):
     assert 0 < len(frames) < 40
     assert f"ends after {len(frames)} frames where its header says 40" in notes[0]
     assert len(list(frames)) == len(frames)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"), [("a.avi", "mpeg4"), ("a.ts", "libx264"), ("a.webm", "libvpx"), ("a.mp4", "libx264")]
+)
+def test_every_frame_of_every_container_can_be_read_alone(tmp_path, name, codec):
+    try:
+        path = video(tmp_path / name, count=9, codec=codec, b_frames=2)
+    except av.codec.codec.UnknownCodecError:
+        pytest.skip(f"this build of FFmpeg has no {codec}")
+    frames, _, notes = open_video(path, 64, 48, None)
+    assert notes == ()
+    assert [frames.read(i).mean() for i in range(9)] == [image.mean() for image in frames]
+
+
+def test_a_truncated_video_whose_header_only_has_a_duration_is_told(tmp_path):
+    path = video(tmp_path / "clip.mkv", count=40)
+    path.write_bytes(path.read_bytes()[: int(0.7 * path.stat().st_size)])
+    frames, _, notes = open_video(path, 64, 48, None)
+    assert len(list(frames)) == len(frames) < 40
+    assert f"ends after {len(frames)} frames where its header says 40" in notes[0]
+
+
+def test_a_broken_frame_in_the_middle_is_an_error(tmp_path):
+    path = video(tmp_path / "clip.mp4", count=40, movflags="faststart")
+    content = path.read_bytes()
+    start = content.index(b"mdat") + 4
+    path.write_bytes(content[: start + 200] + bytes(len(content) - start - 200))
+    frames, _, _ = open_video(path, 64, 48, None)
+    with pytest.raises(InputError, match=r"clip.mp4: (frame \d+ of 40 cannot be decoded|is no readable video)"):
+        list(frames)
+
+
+def test_a_video_without_a_single_frame_is_refused(tmp_path):
+    path = video(tmp_path / "clip.mkv", count=12)
+    content = path.read_bytes()
+    pictures = content.index(bytes.fromhex("1f43b675"))  # the first cluster of them
+    for more in (0, 16, 60):
+        path.write_bytes(content[: pictures + more])
+        with pytest.raises(InputError, match=r"clip.mkv: (has no frame that can be decoded|is no readable video)"):
+            open_video(path, 64, 48, None)
+
+
+def test_a_video_that_ends_inside_a_frame_is_read_up_to_there(tmp_path):
+    path = video(tmp_path / "clip.avi", count=40, b_frames=2)
+    content = path.read_bytes()
+    for share in (0.65, 0.7, 0.75):
+        path.write_bytes(content[: int(share * len(content))])
+        frames, _, notes = open_video(path, 64, 48, None)
+        assert len(list(frames)) == len(frames) < 40
+        assert "where its header says 40; those were read" in notes[0]
 
 
 def test_a_video_without_a_count_in_its_header_is_counted(tmp_path):
@@ -255,7 +317,7 @@ def test_frames_that_vanish_after_opening_are_an_error_not_a_short_answer(tmp_pa
     video(path, count=5)
     with pytest.raises(InputError, match="frame 5 of 30 cannot be decoded"):
         list(frames)
-    with pytest.raises(InputError, match="frame 25 cannot be decoded|is no readable video"):
+    with pytest.raises(InputError, match=r"frame 25 cannot be decoded|is no readable video"):
         frames.read(25)
     video(path, count=5, size=(32, 32))
     with pytest.raises(InputError, match="its size changes to 32 x 32"):

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from handtrack.formats import write_model
 from handtrack.formats.model_writing import dh_parameters, model_text, number
 from handtrack.formats.models import model_from_document, read_model
 from handtrack.formats.urdf import export_urdf, roll_pitch_yaw
 from handtrack.formats.yaml_files import parse_yaml
-from handtrack.formats import write_model
 from handtrack.kinematics import Coupling, FrameRow, Model, forward, link_transform, model_from_rows, pose_from_free
 from handtrack.kinematics.builtin import model, model_names
 
@@ -48,7 +48,17 @@ def parsed(text: str) -> Model:
 
 def assert_same(a: Model, b: Model) -> None:
     assert (a.name, a.units, a.joint_names) == (b.name, b.units, b.joint_names)
-    exact = ("frame_ids", "parent", "joint", "prismatic", "free", "link_frame", "link_length", "link_radius", "link_finger")
+    exact = (
+        "frame_ids",
+        "parent",
+        "joint",
+        "prismatic",
+        "free",
+        "link_frame",
+        "link_length",
+        "link_radius",
+        "link_finger",
+    )
     for field in exact:
         np.testing.assert_array_equal(getattr(a, field), getattr(b, field), err_msg=field)
     for field in ("prefix", "limits", "coupling", "coupling_offset"):
@@ -72,7 +82,9 @@ def test_couplings_are_in_the_units_of_the_file():
     hand = parsed(EXAMPLE)
     q = pose_from_free(hand, np.array([0.0, math.radians(30), 0.0]))
     assert math.degrees(q[3]) == pytest.approx(0.67 * 30 + 3)
-    mixed = parsed(EXAMPLE.replace("joint: middle_dip, of: middle_pip, ratio: 0.67", "joint: slide, of: middle_pip, ratio: 0.1"))
+    mixed = parsed(
+        EXAMPLE.replace("joint: middle_dip, of: middle_pip, ratio: 0.67", "joint: slide, of: middle_pip, ratio: 0.1")
+    )
     q = pose_from_free(mixed, np.array([0.0, math.radians(30), 0.0]))
     assert q[2] == pytest.approx(0.1 * 30 + 3), "millimetres for each degree"
 

@@ -197,7 +197,7 @@ def test_negative_sigmas_and_other_models_are_refused(tmp_path):
     write_track(tmp_path, track_of())
     with pytest.raises(InputError, match="its joints are not those of model 'rr'"):
         read_track(tmp_path, model("rr"))
-    with pytest.raises(InputError, match="poses.csv: no such file"):
+    with pytest.raises(InputError, match=r"poses.csv: no such file"):
         read_track(tmp_path / "none")
 
 
@@ -247,9 +247,13 @@ def test_a_folder_appears_whole(tmp_path):
 
 
 def test_an_interrupted_folder_leaves_nothing(tmp_path):
-    with pytest.raises(KeyboardInterrupt), folder_written_whole(tmp_path / "run") as partial:
-        (partial / "a.txt").write_text("a")
-        raise KeyboardInterrupt
+    def interrupted() -> None:
+        with folder_written_whole(tmp_path / "run") as partial:
+            (partial / "a.txt").write_text("a")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert list(tmp_path.iterdir()) == []
 
 

@@ -119,11 +119,11 @@ def test_large_files_are_refused_before_parsing(tmp_path):
 
 
 def test_missing_files_and_folders_are_refused(tmp_path):
-    with pytest.raises(InputError, match="nowhere.yaml: no such file"):
+    with pytest.raises(InputError, match=r"nowhere.yaml: no such file"):
         read_yaml(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="is not a file"):
         read_yaml(tmp_path)
-    with pytest.raises(InputError, match="cannot be read|no such file"):
+    with pytest.raises(InputError, match=r"cannot be read|no such file"):
         read_yaml(tmp_path / "a\0b")
 
 
@@ -169,16 +169,22 @@ def test_lines_are_those_of_the_deepest_part_that_exists():
 
 
 @given(st.text(alphabet="ab:-[]{}*&!,'\"\n 1.e#|>%@?~\t\\", max_size=60))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_any_text_is_data_or_one_clear_line(text):
+    message = ""
     try:
         data(text)
     except InputError as error:
-        assert "\n" not in str(error)
+        message = str(error)
+    assert "\n" not in message
 
 
-scalars = st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(-1e9, 1e9) | st.text("abc é✋", max_size=5)
-trees = st.recursive(scalars, lambda t: st.lists(t, max_size=4) | st.dictionaries(st.text("abc", min_size=1), t, max_size=4))
+scalars = (
+    st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(-1e9, 1e9) | st.text("abc é✋", max_size=5)
+)
+trees = st.recursive(
+    scalars, lambda t: st.lists(t, max_size=4) | st.dictionaries(st.text("abc", min_size=1), t, max_size=4)
+)
 
 
 @given(st.dictionaries(st.text("abc", min_size=1), trees, max_size=4))

@@ -45,7 +45,7 @@ def random_state(rng, j, order):
 @pytest.mark.parametrize("dt", [0.0, 0.01, 0.04, 1.7])
 def test_process_covariance_is_filterpys_continuous_white_noise(order, dt):
     expected = Q_continuous_white_noise(order, dt=dt, spectral_density=1.0) if dt else np.zeros((order, order))
-    np.testing.assert_allclose(process_covariance(order, dt), expected, atol=1e-15)
+    np.testing.assert_allclose(process_covariance(order, dt), np.asarray(expected), atol=1e-15)
 
 
 @pytest.mark.parametrize("order", [2, 3])

@@ -14,7 +14,7 @@ import typer
 
 from ..errors import InputError
 from . import bench, demo, evaluate, models, render, reproduce, track
-from .console import error, warning
+from .console import error, say, version_of, warning
 
 app = typer.Typer(
     name="handtrack",
@@ -35,10 +35,18 @@ app.command()(bench.bench)
 _UsageError = typer.BadParameter.__mro__[2]
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        say(f"handtrack {version_of('handtrack')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")] = False,
-    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+    ] = False,
 ) -> None:
     pass
 
@@ -48,8 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"]
-    if given == ["--version"]:
-        given = ["--version", "help"]
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = _show_warning

@@ -20,7 +20,13 @@ def bench(
         say_json([result.as_data() for result in results])
         return
     rows = [
-        [r.name, f"{r.ours_ms:.3f}", r.twin, "" if r.twin_ms is None else f"{r.twin_ms:.3f}", "" if r.ratio is None else f"{r.ratio:.1f}"]
+        [
+            r.name,
+            f"{r.ours_ms:.3f}",
+            r.twin,
+            "" if r.twin_ms is None else f"{r.twin_ms:.3f}",
+            "" if r.ratio is None else f"{r.ratio:.1f}",
+        ]
         for r in results
     ]
     say(table(["what", "ms", "against", "ms", "times"], rows))

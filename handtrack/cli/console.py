@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import metadata
 from typing import Protocol
 
 import typer
@@ -68,7 +69,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     widths = [max(len(line[i]) for line in [list(header), *cells]) for i in range(len(header))]
     lines = []
     for line in [list(header), *cells]:
-        aligned = [text.ljust(w) if to_left else text.rjust(w) for text, w, to_left in zip(line, widths, left, strict=True)]
+        aligned = [
+            text.ljust(w) if to_left else text.rjust(w) for text, w, to_left in zip(line, widths, left, strict=True)
+        ]
         lines.append("  ".join(aligned).rstrip())
     return "\n".join(lines)
 
@@ -88,6 +91,14 @@ def progress(label: str, total: int | None) -> Iterator[Done]:
             bar.update(task, completed=done)
 
         yield update
+
+
+def version_of(package: str) -> str:
+    """Version of an installed package; a package run from its source tree has none."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def _cell(item: object) -> str:

@@ -10,7 +10,9 @@ from .track import make_settings, summary_text, track_into
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder to write; an earlier demo there is replaced.")] = Path("handtrack-demo"),
+    out: Annotated[Path, typer.Option(help="Folder to write; an earlier demo there is replaced.")] = Path(
+        "handtrack-demo"
+    ),
     seed: Annotated[int, typer.Option(min=0, help="Decides motion and noise.")] = 1,
     frames: Annotated[int, typer.Option(min=2, help="Number of frames.")] = 60,
 ) -> None:
@@ -20,11 +22,11 @@ def demo(
     from .occlusion import make_scene
     from .render import write_scene
 
-    run = out / "run"
-    note(f"rendering {frames} frames of two fingers into {out / 'sequence'}")
-    write_scene(out / "sequence", make_scene(seed, "crossing", frames))
+    clip, run = out / "two-finger-crossing", out / "run"
+    note(f"rendering {frames} frames of two fingers into {clip}")
+    write_scene(clip, make_scene(seed, "crossing", frames))
     note("tracking (the first run compiles for some seconds)")
-    sequence = open_sequence(out / "sequence")
+    sequence = open_sequence(clip)
     track = track_into(run, sequence, make_settings({}))
     if sequence.truth is not None:
         say(as_text(evaluate(track, sequence.truth, sequence.model, sequence.camera)))

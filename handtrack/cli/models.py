@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -33,6 +33,8 @@ def list_models(as_json: Annotated[bool, typer.Option("--json", help="JSON for m
 @app.command()
 def show(name: _Name, as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False) -> None:
     """The frames of a model as a table: parent, joint, limits (degrees; lengths for sliding joints) and pill."""
+    from ..sequences import find_model
+
     model = find_model(name)
     rows = _frames(model)
     if as_json:
@@ -51,29 +53,23 @@ def show(name: _Name, as_json: Annotated[bool, typer.Option("--json", help="JSON
 def export(
     name: _Name,
     out: Annotated[Path | None, typer.Option(help="File to write; by default the text goes to the terminal.")] = None,
+    form: Annotated[
+        Literal["yaml", "urdf"], typer.Option("--format", help="Model file, or URDF for robot tools.")
+    ] = "yaml",
 ) -> None:
-    """The model as a model.yaml file, to be changed and given to `track --model`."""
-    from ..formats.model_writing import model_text, write_model
+    """The model as a file: a model.yaml to be changed and given to `track --model`, or URDF."""
+    from ..formats import export_urdf, write_text
+    from ..formats.model_writing import model_text
+    from ..sequences import find_model
 
     model = find_model(name)
+    text = model_text(model) if form == "yaml" else export_urdf(model)
     if out is None:
-        say(model_text(model).rstrip())
-        return
-    if not out.parent.is_dir():
-        raise InputError(f"--out: {out.parent} is not a folder; an existing folder was wanted")
-    write_model(out, model)
-
-
-def find_model(name: str) -> "Model":
-    """A built-in model by its name, or the model of a file."""
-    from ..formats.models import read_model
-    from ..kinematics.builtin import model, model_names
-
-    if name in model_names():
-        return model(name)
-    if Path(name).exists() or Path(name).suffix:
-        return read_model(Path(name))
-    raise InputError(f"model '{name}': neither a file nor built in; built in are {', '.join(model_names())}")
+        say(text.rstrip())
+    elif not out.absolute().parent.is_dir() or out.is_dir():
+        raise InputError(f"--out: {out}; a file in an existing folder was wanted")
+    else:
+        write_text(out, text)
 
 
 def _frames(model: "Model") -> list[list[object]]:

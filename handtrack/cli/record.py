@@ -1,10 +1,10 @@
 """A finished track in, the run folder out; a run folder in, what is needed to evaluate it out.
 
-    poses.csv, covariance.csv    what was found (see `handtrack.formats`)
-    model.yaml, camera.yaml      what the poses mean
-    truth.csv                    a copy of the truth, where the sequence has one
-    run.json                     settings, versions, checksums of the input, timings
-    overlay.mp4, report.html     what to look at
+poses.csv, covariance.csv    what was found (see `handtrack.formats`)
+model.yaml, camera.yaml      what the poses mean
+truth.csv                    a copy of the truth, where the sequence has one
+run.json                     settings, versions, checksums of the input, timings
+overlay.mp4, report.html     what to look at
 """
 
 import hashlib
@@ -13,7 +13,6 @@ import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,8 @@ import numpy as np
 from ..camera import Camera
 from ..errors import InputError
 from ..formats.cameras import read_camera
-from ..formats.model_writing import model_text, write_model
 from ..formats.images import ImageFiles
+from ..formats.model_writing import model_text, write_model
 from ..formats.models import read_model
 from ..formats.tracks import read_track, write_track
 from ..formats.truths import read_truth
@@ -32,6 +31,7 @@ from ..report import RunInfo, write_overlay, write_report
 from ..sequences import Sequence, Truth
 from ..settings import Settings
 from ..track import Track
+from .console import version_of
 from .texts import camera_text, degrees, truth_text
 
 RUN_FILE, FORMAT = "run.json", "handtrack/run-1"
@@ -157,7 +157,7 @@ def checksums(sequence: Sequence) -> tuple[tuple[str, str], ...]:
 
 
 def _versions() -> tuple[tuple[str, str], ...]:
-    return (("python", platform.python_version()), *((name, metadata.version(name)) for name in _PACKAGES))
+    return (("python", platform.python_version()), *((name, version_of(name)) for name in _PACKAGES))
 
 
 def _digest(paths: tuple[Path, ...]) -> str:

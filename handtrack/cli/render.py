@@ -15,15 +15,21 @@ SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch
 
 
 def render(
-    out: Annotated[Path, typer.Option(help="Folder to write; an earlier sequence there is replaced.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option(help="Folder to write; an earlier sequence there is replaced.", show_default=False)
+    ],
     scene: Annotated[SceneName, typer.Option(help="What moves, and how.")] = "two-finger-crossing",
     model: Annotated[str | None, typer.Option(help="Built-in model or model file, for `--scene random`.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Decides motion and noise.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Number of frames.")] = 60,
     noise: Annotated[float | None, typer.Option(min=0.0, help="Standard deviation of the noise, grey levels.")] = None,
-    vignette: Annotated[float | None, typer.Option(min=0.0, max=1.0, help="Share of the light lost in the corners.")] = None,
+    vignette: Annotated[
+        float | None, typer.Option(min=0.0, max=1.0, help="Share of the light lost in the corners.")
+    ] = None,
     background: Annotated[Path | None, typer.Option(help="Image of the camera's size behind the fingers.")] = None,
-    mode: Annotated[Literal["binary", "flat", "gouraud", "phong"], typer.Option(help="How surfaces are lit.")] = "phong",
+    mode: Annotated[
+        Literal["binary", "flat", "gouraud", "phong"], typer.Option(help="How surfaces are lit.")
+    ] = "phong",
     colour: Annotated[bool, typer.Option("--colour", help="Colour instead of grey.")] = False,
 ) -> None:
     """Render a sequence: images, model, camera, start pose and true joint values."""

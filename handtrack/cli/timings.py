@@ -1,7 +1,7 @@
 """A number of frames in, medians of computing times out: ours, and that of the plain way of doing the same.
 
-Everything runs once before it is timed, so that nothing is compiled or cached while the clock runs; OpenCV and numba are
-held to one thread.
+Everything runs once before it is timed, so that nothing is compiled or cached while the clock runs; OpenCV and numba
+are held to one thread.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,13 @@ class Timing:
 
     def as_data(self) -> dict[str, object]:
         """The line for machines."""
-        return {"name": self.name, "ms": self.ours_ms, "against": self.twin, "against_ms": self.twin_ms, "ratio": self.ratio}
+        return {
+            "name": self.name,
+            "ms": self.ours_ms,
+            "against": self.twin,
+            "against_ms": self.twin_ms,
+            "ratio": self.ratio,
+        }
 
 
 def measure_all(frames: int = 60, repeats: int = 30) -> list[Timing]:

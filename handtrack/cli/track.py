@@ -20,16 +20,23 @@ Solver = Literal["levenberg-marquardt", "gauss-newton", "gauss-newton-one", "dam
 def track(
     source: Annotated[
         Path,
-        typer.Argument(metavar="INPUT", help="Folder with sequence.yaml, folder of images, or video.", show_default=False),
+        typer.Argument(
+            metavar="INPUT", help="Folder with sequence.yaml, folder of images, or video.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write; an earlier run there is replaced.", show_default=False)],
-    model: Annotated[str | None, typer.Option(help="Built-in model or model file; for images and videos, or instead.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Built-in model or model file; for images and videos, or instead.")
+    ] = None,
     camera: Annotated[Path | None, typer.Option(help="File with `camera: {...}`, for images and videos.")] = None,
     start: Annotated[
-        str | None, typer.Option(help="Pose of the first frame in degrees: a file with `start: {...}`, or '{joint: value, ...}'.")
+        str | None,
+        typer.Option(help="Pose of the first frame in degrees: a file with `start: {...}`, or '{joint: value, ...}'."),
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Frames per second, for a folder of images.")] = None,
-    residuals: Annotated[Residuals, typer.Option(help="Edge points against the outline, or the thesis's lines.")] = "outline",
+    residuals: Annotated[
+        Residuals, typer.Option(help="Edge points against the outline, or the thesis's lines.")
+    ] = "outline",
     solver: Annotated[Solver, typer.Option(help="How a pose is found.")] = "levenberg-marquardt",
     templates: Annotated[Literal["rendered", "first"], typer.Option(help="Where templates come from.")] = "rendered",
     visibility: Annotated[Literal["rays", "polygons"], typer.Option(help="How hidden samples are found.")] = "rays",
@@ -39,7 +46,9 @@ def track(
     filter_: Annotated[
         Literal["kalman", "ghk", "none"], typer.Option("--filter", help="How the next frame is predicted.")
     ] = "kalman",
-    theta: Annotated[float | None, typer.Option(help="Discounting factor of the g-h-k filter, between 0 and 1.")] = None,
+    theta: Annotated[
+        float | None, typer.Option(help="Discounting factor of the g-h-k filter, between 0 and 1.")
+    ] = None,
     passes: Annotated[int | None, typer.Option(help="Most measuring passes on a frame.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A summary as JSON for machines.")] = False,
 ) -> None:

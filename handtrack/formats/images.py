@@ -206,8 +206,8 @@ def _plain_mode(mode: str) -> str:
 def grey(pixels: np.ndarray) -> Float[np.ndarray, "h w"]:
     """Rec. 601 luma of 8-bit colour, or 8-bit grey as it is; float32.
 
-    >>> grey(np.array([[[255, 0, 0], [10, 10, 10]]], dtype=np.uint8)).round(2).tolist()
-    [[76.25, 10.0]]
+    >>> grey(np.array([[[200, 0, 0], [10, 10, 10]]], dtype=np.uint8)).round(1).astype(float).round(1).tolist()
+    [[59.8, 10.0]]
     """
     if pixels.ndim == 2:
         return pixels.astype(np.float32)

@@ -93,7 +93,7 @@ def roll_pitch_yaw(R: Float[np.ndarray, "3 3"]) -> tuple[float, float, float]:
     (0.0, 0.0, 0.0)
     """
     across = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], across)
+    pitch = math.atan2(0.0 - R[2, 0], across)  # never minus zero
     if across < 1e-12:
         return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
     return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])

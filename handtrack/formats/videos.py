@@ -43,7 +43,7 @@ class VideoFile:
         return len(self.stamps)
 
     def read(self, i: int) -> Float[np.ndarray, "h w"]:
-        """Frame `i` as grey values 0..255, float32: decoded from the key frame before it.
+        """Frame `i` as grey values 0..255, float32: decoded from the key frame before it, or from the first.
 
         Raises
         ------
@@ -51,11 +51,15 @@ class VideoFile:
             If the file is broken there.
         """
         stamp = self.stamps[i]
-        with _opened(self.path) as (container, stream):
-            container.seek(stamp, stream=stream)
-            for frame in container.decode(stream):
-                if frame.pts == stamp:
-                    return self._grey(frame)
+        for seeking in (True, False):  # some containers' indices lead behind the frame
+            with _opened(self.path) as (container, stream):
+                if seeking:
+                    container.seek(stamp, stream=stream)
+                for frame in container.decode(stream):
+                    if frame.pts == stamp:
+                        return self._grey(frame)
+                    if frame.pts is None or frame.pts > stamp:
+                        break
         raise InputError(f"{self.path}: frame {i} cannot be decoded; a complete video is wanted")
 
     def __iter__(self) -> Iterator[Float[np.ndarray, "h w"]]:
@@ -89,7 +93,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     except (FFmpegError, OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: is no readable video ({' '.join(str(error).split())})") from error
+        reason = (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
+        raise InputError(f"{path}: is no readable video ({reason})") from error
 
 
 def open_video(path: Path, width: int, height: int, fps: float | None) -> tuple[VideoFile, float, tuple[str, ...]]:
@@ -120,11 +125,13 @@ def open_video(path: Path, width: int, height: int, fps: float | None) -> tuple[
             raise InputError(
                 f"{path}: is {size[0]} x {size[1]} pixels; {width} x {height}, the camera's size, is wanted"
             )
-        promised = int(stream.frames or 0)
         rate = float(stream.average_rate or stream.guessed_rate or 0)
         base = float(stream.time_base or 0)
-        stamps = [packet.pts for packet in container.demux(stream) if packet.size]
-        complete = promised > 0 and len(stamps) == promised and None not in stamps and len(set(stamps)) == promised
+        promised = int(stream.frames or 0) or int((container.duration or 0) / av.time_base * rate)
+        packets = [packet for packet in container.demux(stream) if packet.size]
+        stamps = [packet.pts for packet in packets if not packet.is_discard]
+        promised -= len(packets) - len(stamps)  # what an edit list cuts off is decoded but never shown
+        complete = len(stamps) >= promised > 0 and None not in stamps and len(set(stamps)) == len(stamps)
     if not complete:
         stamps = _decoded_stamps(path)
     if not stamps:

@@ -1,9 +1,10 @@
 """Rows of a table in any order in, rows with parents before children out; refuses what is not a tree."""
 
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 
+@runtime_checkable
 class _Row(Protocol):
     @property
     def id(self) -> int: ...
