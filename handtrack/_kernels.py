@@ -123,7 +123,11 @@ def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no co
     t = hit_sphere(mx, my, mz, dx, dy, dz, length * ax, length * ay, length * az, r1)
     if t < best:
         best = t
-        nx, ny, nz = (mx + t * dx - length * ax) / r1, (my + t * dy - length * ay) / r1, (mz + t * dz - length * az) / r1
+        nx, ny, nz = (
+            (mx + t * dx - length * ax) / r1,
+            (my + t * dy - length * ay) / r1,
+            (mz + t * dz - length * az) / r1,
+        )
     return best + shift, nx, ny, nz
 
 
@@ -200,7 +204,24 @@ def shade(c, gain, x, y, z):  # pragma: no cover - compiled
 
 @njit(cache=True)
 def expect_profiles(
-    ray0, ray1, u, base, tip, radius, finger, link, jump, coefficients, gain, background, blur, margin, values, parts, visible, state
+    ray0,
+    ray1,
+    u,
+    base,
+    tip,
+    radius,
+    finger,
+    link,
+    jump,
+    coefficients,
+    gain,
+    background,
+    blur,
+    margin,
+    values,
+    parts,
+    visible,
+    state,
 ):  # pragma: no cover - compiled
     """Rendered templates, their parts, windows and states of outline samplers; twin: `templates.expect_numpy`.
 
@@ -425,6 +446,4 @@ def outline_rows(
                 J[i, j] = -scale * (n[0] * zx + n[1] * zy + n[2] * zz)
                 continue
             px, py, pz = p[0] - frames[g, 0, 3], p[1] - frames[g, 1, 3], p[2] - frames[g, 2, 3]
-            J[i, j] = -scale * (
-                n[0] * (zy * pz - zz * py) + n[1] * (zz * px - zx * pz) + n[2] * (zx * py - zy * px)
-            )
+            J[i, j] = -scale * (n[0] * (zy * pz - zz * py) + n[1] * (zz * px - zx * pz) + n[2] * (zx * py - zy * px))

@@ -66,7 +66,9 @@ def harmonics(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 25"]:
     return np.stack(flat + [z * xs[i] * ys[j] for i, j in _DEEP], axis=1)
 
 
-def shade_numpy(appearance: Appearance, normal: Float[np.ndarray, "n 3"], link: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def shade_numpy(
+    appearance: Appearance, normal: Float[np.ndarray, "n 3"], link: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
     """Expected grey level of surface points; the background's where `link` is -1."""
     level = appearance.gain[np.maximum(link, 0)] * shaded(appearance.shading, normal)
     return np.where(link >= 0, level, appearance.background)

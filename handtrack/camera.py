@@ -129,7 +129,9 @@ def _distortion_derivative(slope: Float[np.ndarray, "*n 2"], k: Float[np.ndarray
     return out
 
 
-def undistort(bent: Float[np.ndarray, "*n 2"], k: Float[np.ndarray, " 5"], steps: int = 12) -> Float[np.ndarray, "*n 2"]:
+def undistort(
+    bent: Float[np.ndarray, "*n 2"], k: Float[np.ndarray, " 5"], steps: int = 12
+) -> Float[np.ndarray, "*n 2"]:
     """Inverse of `distort` by Newton's method, exact to rounding wherever the distortion does not fold."""
     if not k.any():
         return bent

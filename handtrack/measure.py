@@ -7,18 +7,18 @@ image, and edges searched as far out as the covariance of the pose says they may
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from .appearance import Appearance
 from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
 from .kinematics import forward, pose_from_free
 from .pills import Pills, pose_pills
 from .profiles import Profiles, Samplers, place_outline, sample
-from .residuals import Chain, OutlineFeatures, outline_features, outline_residuals
+from .residuals import Chain, LineFeatures, OutlineFeatures, outline_features, outline_residuals
 from .settings import Settings
 from .templates import Templates, expect, positions
 
-_LEAST_REACH, _MOST_REACH = 2.5, 60.0  # pixels
+LEAST_REACH, MOST_REACH = 2.5, 60.0  # pixels
 _COARSE = 14.0  # pixels of reach beyond which samples are a pixel apart
 
 
@@ -32,7 +32,7 @@ class Look:
         How far from the predicted edge each sampler searched, pixels.
     expected, found : (n,)
         Samplers that should show an edge, and those that do.
-    features : OutlineFeatures
+    features : OutlineFeatures or LineFeatures
         The found edges, for the residuals.
     """
 
@@ -44,7 +44,7 @@ class Look:
     reach: Float[np.ndarray, " n"]
     expected: Bool[np.ndarray, " n"]
     found: Bool[np.ndarray, " n"]
-    features: OutlineFeatures
+    features: OutlineFeatures | LineFeatures
 
 
 def posed(on: Chain, u: Float[np.ndarray, " k"]) -> Pills:
@@ -71,8 +71,8 @@ def look(
     pills = posed(on, u)
     samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing)
     spread = _predicted_spread(on, samplers, u, covariance)
-    reach = np.clip(widen * (3.0 * spread + 1.0), _LEAST_REACH, _MOST_REACH)
-    farthest = float(reach.max(initial=_LEAST_REACH))
+    reach = np.clip(widen * (3.0 * spread + 1.0), LEAST_REACH, MOST_REACH)
+    farthest = float(reach.max(initial=LEAST_REACH))
     step = 0.5 if farthest <= _COARSE else 1.0
     inwards, outwards = (12.0, 6.0) if step == 0.5 else (14.0, 8.0)
     templates = expect(samplers, pills, on.model.link_finger, on.camera, appearance, inwards, outwards, step)
@@ -96,16 +96,9 @@ def _predicted_spread(
     return np.sqrt(np.maximum(((J @ covariance) * J).sum(axis=1), 0.0))
 
 
-def visible_share(
-    pills: Pills, samplers: Samplers, edges: EdgePoints, links: int
-) -> Float[np.ndarray, " l"]:
+def visible_share(pills: Pills, samplers: Samplers, edges: EdgePoints, links: int) -> Float[np.ndarray, " l"]:
     """Share of each link's outline, joints with its neighbours apart, that no other finger hides."""
     free = edges.reason != JOINT
     hidden = np.bincount(samplers.link[free & (edges.reason == HIDDEN)], minlength=links)
     total = np.bincount(samplers.link[free], minlength=links)
     return np.where(total > 0, 1.0 - hidden / np.maximum(total, 1), 0.0)
-
-
-def link_counts(link: Int[np.ndarray, " n"], links: int) -> Int[np.ndarray, " l"]:
-    """Number of entries for each link."""
-    return np.bincount(link, minlength=links)

@@ -74,7 +74,14 @@ def ray_hits(pills: Pills, origin: Float[np.ndarray, "n 3"], direction: Float[np
     n = origin.shape[0]
     t, pill, normal = np.empty(n), np.empty(n, dtype=np.int64), np.zeros((n, 3))
     _kernels.cast_rays(
-        np.ascontiguousarray(origin), np.ascontiguousarray(direction), pills.base, pills.tip, pills.radius, t, pill, normal
+        np.ascontiguousarray(origin),
+        np.ascontiguousarray(direction),
+        pills.base,
+        pills.tip,
+        pills.radius,
+        t,
+        pill,
+        normal,
     )
     return Hits(t, pill, normal)
 

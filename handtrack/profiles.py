@@ -195,7 +195,11 @@ def place_across(pills: Pills, camera: Camera, count: int = 6) -> Samplers:
 
 
 def place_tips(
-    pills: Pills, camera: Camera, link: Int[np.ndarray, " n"], origin: Float[np.ndarray, "n 2"], direction: Float[np.ndarray, "n 2"]
+    pills: Pills,
+    camera: Camera,
+    link: Int[np.ndarray, " n"],
+    origin: Float[np.ndarray, "n 2"],
+    direction: Float[np.ndarray, "n 2"],
 ) -> Samplers:
     """Tip samplers on given axial lines: centred on the refined tip of eq. (4.1) and heading along the line."""
     n = link.size
@@ -216,7 +220,10 @@ def sample(
     method : 'nearest', 'bilinear' or 'bicubic'
         Bicubic is Keys' kernel with a = -1/2. Positions beyond the outermost pixel centres are not inside.
     """
-    values, inside = np.empty((samplers.origin.shape[0], u.size)), np.empty((samplers.origin.shape[0], u.size), dtype=np.bool_)
+    values, inside = (
+        np.empty((samplers.origin.shape[0], u.size)),
+        np.empty((samplers.origin.shape[0], u.size), dtype=np.bool_),
+    )
     _kernels.sample_lines(image, samplers.origin, samplers.direction, u, _ORDER[method], values, inside)
     return Profiles(u, values, inside)
 

@@ -170,9 +170,33 @@ def line_residuals(
     return np.concatenate([r_tip.reshape(-1), r_line]), stacked @ model.coupling
 
 
-def with_prior(
-    residual: Residual, mean: Float[np.ndarray, " k"], whitener: Float[np.ndarray, "k k"]
-) -> Residual:
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Residual rows of either kind: the function, each row's sigma in pixels, and the group whose errors share a cause."""
+
+    residual: Residual
+    sigma: Float[np.ndarray, " m"]
+    group: Int[np.ndarray, " m"]
+
+
+def rows(on: Chain, features: OutlineFeatures | LineFeatures, side: Int[np.ndarray, " n"] | None = None) -> Rows:
+    """Features as residual rows.
+
+    Parameters
+    ----------
+    side : (n,)
+        For outlines: +1 or -1 for the two sides of a link, 0 for a tip. One side of a link is one group.
+    """
+    if isinstance(features, OutlineFeatures):
+        key = 3 * features.link + (0 if side is None else side) + 1
+        group = np.unique(key, return_inverse=True)[1]
+        return Rows(lambda u: outline_residuals(on, features, u), features.sigma, group)
+    sigma = np.concatenate([np.repeat(features.tip_sigma, 2), features.line_sigma.reshape(-1)])
+    key = np.concatenate([np.repeat(-1 - features.tip_link, 2), np.repeat(features.line_link, 2)])
+    return Rows(lambda u: line_residuals(on, features, u), sigma, np.unique(key, return_inverse=True)[1])
+
+
+def with_prior(residual: Residual, mean: Float[np.ndarray, " k"], whitener: Float[np.ndarray, "k k"]) -> Residual:
     """Append the prediction as residuals `whitener @ (u - mean)`, where `whitener.T @ whitener` is its information."""
 
     def stacked(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:

@@ -144,8 +144,8 @@ def expect_numpy(
     own = finger[samplers.link]
     cover = (group == own[:, None]) & (np.arange(m) < mid)
     cosine = -(hits.normal * ray[:, 3:]).sum(axis=1) / np.linalg.norm(ray[:, 3:], axis=1)
-    values = _blurred(raw, step)
-    parts = np.stack([_blurred(1.0 * cover, step), _blurred(cover * cosine.reshape(n, m), step)], axis=1)
+    values = blurred(raw, step)
+    parts = np.stack([blurred(1.0 * cover, step), blurred(cover * cosine.reshape(n, m), step)], axis=1)
     inner, outer = mid - 2, mid + 1
     with np.errstate(invalid="ignore"):
         rise = depth[:, outer] - depth[:, inner]
@@ -170,7 +170,8 @@ def expect_numpy(
     return Templates(u, values, parts, visible, state)
 
 
-def _blurred(rows: Float[np.ndarray, "n m"], step: float) -> Float[np.ndarray, "n m"]:
+def blurred(rows: Float[np.ndarray, "n m"], step: float) -> Float[np.ndarray, "n m"]:
+    """Profiles of rays, `step` pixels apart, as a pixel's area and a linear interpolation blur them."""
     kernel = _blur_kernel(step)
     reach = kernel.size // 2
     padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")

@@ -1,21 +1,22 @@
 """The hand loop: images in, a track out. One step reads like the picture of the method:
 
-    predict -> (look -> solve) until the pose rests -> learn the appearance -> filter
+predict -> (look -> solve) until the pose rests -> learn the appearance -> filter
 """
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from .appearance import Appearance, learn
 from .camera import Camera
 from .kinematics import Model
 from .measure import Look, look, posed, visible_share
+from .measure_lines import first_profiles, look_lines
 from .process_noise import process_from_innovations
-from .residuals import Chain, chain, outline_residuals, robust, with_prior
+from .residuals import Chain, chain, robust, rows, with_prior
 from .robust import cauchy_weight
 from .scatter import Scatter, common_share, decorrelate, first_scatter, learn_scatter
 from .settings import Settings
@@ -47,6 +48,7 @@ class State:
     frozen: Bool[np.ndarray, " k"]
     appearance: Appearance | None
     scatter: Scatter
+    stored: Float[np.ndarray, "n m"] | None
     frames: int
 
 
@@ -92,22 +94,24 @@ def track(
     """
     settings = settings or Settings()
     if start_pose.shape != (len(model.joint_names),):
-        raise ValueError(f"start_pose: got {start_pose.size} values, model '{model.name}' has {len(model.joint_names)} joints")
+        raise ValueError(
+            f"start_pose: got {start_pose.size} values, model '{model.name}' has {len(model.joint_names)} joints"
+        )
     on = chain(model, camera)
     state = begin(on, start_pose, fps, settings)
-    rows = []
+    done = []
     last = None
     for number, image in enumerate(frames):
         now = float(times[number]) if times is not None else number / fps
         begun = time.perf_counter()
         state, estimate = step(state, image, on, 0.0 if last is None else now - last, fps, settings)
-        rows.append((number, now, estimate, state, time.perf_counter() - begun))
+        done.append((number, now, estimate, state, time.perf_counter() - begun))
         last = now
         if progress is not None:
             progress(number + 1)
-    if not rows:
+    if not done:
         raise ValueError("frames: there is no image to track")
-    return _collect(on, rows)
+    return _collect(on, done)
 
 
 def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: Settings) -> State:
@@ -115,7 +119,7 @@ def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: 
     u = start_pose[on.model.free]
     motion = start(u, np.eye(u.size) * settings.start_sigma**2, sigma_velocity=settings.start_speed * fps)
     psd = np.full(u.size, (np.radians(2.0) * fps) ** 2 * fps)
-    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), 0)
+    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), None, 0)
 
 
 def step(
@@ -136,7 +140,10 @@ def step(
     z, R = _as_measurement(estimate, motion)
     motion, innovation, S = update(motion, z, R)
     psd = process_from_innovations(state.psd, np.where(frozen, np.nan, innovation), S, R) if dt > 0.0 else state.psd
-    return State(motion, psd, frozen, appearance, estimate.scatter, state.frames + 1), estimate
+    stored = state.stored
+    if settings.templates == "first" and stored is None:
+        stored = first_profiles(image, on, estimate.u, appearance, settings)
+    return State(motion, psd, frozen, appearance, estimate.scatter, stored, state.frames + 1), estimate
 
 
 def _estimate(
@@ -156,13 +163,12 @@ def _estimate(
     bounds = limits if np.isfinite(limits).any() else None
     passes = settings.passes + (4 if state.frames < 3 else 0)
     for number in range(passes):
-        seen = look(image, on, u, search, appearance, settings)
-        features = seen.features
-        if features.link.size < 3:
+        seen = _look(image, on, u, search, appearance, settings, state.stored)
+        evidence = rows(on, seen.features, seen.samplers.side[seen.found])
+        if evidence.sigma.size < 3:
             search = search * 4.0
             continue
-        group = _groups(seen)
-        edges = decorrelate(lambda x, f=features: outline_residuals(on, f, x), features.sigma, group, scatter)
+        edges = decorrelate(evidence.residual, evidence.sigma, evidence.group, scatter)
         spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(u)[0]))))
         for rescale in range(2):
             fun = with_prior(robust(edges, spread), motion.q, whitener)
@@ -170,25 +176,24 @@ def _estimate(
             spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(solution.x)[0]))))
         r, J = edges(solution.x)
         weight = cauchy_weight(r / spread)
-        moved = np.abs(J @ (solution.x - u)) * features.sigma
+        moved = np.abs(J @ (solution.x - u)) * evidence.sigma
         u = solution.x
         information = (J * weight[:, None]).T @ J / spread**2
         covariance = np.linalg.inv(information + np.linalg.inv(prior))
         search = covariance * 2.0
         if number > 0 and moved.max() < _REST:
             break
-    r_px, J_px = outline_residuals(on, features, u)
-    r_px, J_px = r_px * features.sigma, J_px * features.sigma[:, None]
-    gain = _gain(covariance, J, weight, features.sigma, group, scatter)
-    scatter = learn_scatter(scatter, r_px, J_px, np.abs(r / spread), features.sigma, group, gain)
+    r_px, J_px = evidence.residual(u)
+    r_px, J_px = r_px * evidence.sigma, J_px * evidence.sigma[:, None]
+    gain = _gain(covariance, J, weight, evidence.sigma, evidence.group, scatter)
+    scatter = learn_scatter(scatter, r_px, J_px, np.abs(r / spread), evidence.sigma, evidence.group, gain)
     return Estimate(u, covariance, information, seen, float(np.sqrt(np.mean(r_px**2))), scatter)
 
 
-def _groups(seen: Look) -> Int[np.ndarray, " n"]:
-    """Edges with a common cause of error: one side of a link, or one tip."""
-    found = seen.found
-    key = 3 * seen.samplers.link[found] + seen.samplers.side[found] + 1
-    return np.unique(key, return_inverse=True)[1]
+def _look(image, on: Chain, u, search, appearance: Appearance, settings: Settings, stored) -> Look:
+    if settings.residuals == "outline":
+        return look(image, on, u, search, appearance, settings)
+    return look_lines(image, on, u, search, appearance, settings, stored)
 
 
 def _gain(covariance, J, weight, sigma, group, scatter: Scatter) -> Float[np.ndarray, "k n"]:

@@ -9,6 +9,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from av.codec.codec import UnknownCodecError
 from PIL import Image
 
 from handtrack.errors import InputError
@@ -236,7 +237,7 @@ def test_a_truncated_video_is_read_as_far_as_it_goes_with_a_warning(tmp_path):
 def test_every_frame_of_every_container_can_be_read_alone(tmp_path, name, codec):
     try:
         path = video(tmp_path / name, count=9, codec=codec, b_frames=2)
-    except av.codec.codec.UnknownCodecError:
+    except UnknownCodecError:
         pytest.skip(f"this build of FFmpeg has no {codec}")
     frames, _, notes = open_video(path, 64, 48, None)
     assert notes == ()

@@ -2,18 +2,14 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
-from typing import Protocol
 
 import typer
 
 
-class Done(Protocol):
-    """Told how many steps are done."""
-
-    def __call__(self, done: int, /) -> None: ...
+Done = Callable[[int], None]  # told how many steps are done
 
 
 def say(text: str = "") -> None:

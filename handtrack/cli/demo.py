@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from .console import note, say
-from .track import make_settings, summary_text, track_into
 
 
 def demo(
@@ -20,7 +19,8 @@ def demo(
     from ..evaluate import as_text, evaluate
     from ..sequences import open_sequence
     from .occlusion import make_scene
-    from .render import write_scene
+    from .rendering import write_scene
+    from .tracking import make_settings, summary_text, track_into
 
     clip, run = out / "two-finger-crossing", out / "run"
     note(f"rendering {frames} frames of two fingers into {clip}")

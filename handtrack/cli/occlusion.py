@@ -1,8 +1,8 @@
 """A number of seeded motions in, the figures of tracking two fingers through an occlusion out (hand thesis, 6.1).
 
 The index finger crosses in front of the middle finger, 60 frames, tilted by 45 degrees (`synth.scenes`). For each
-motion: the worst joint's RMSE, the frames lost and the mean NEES. Over all, the NEES of frame k of N independent motions
-adds up to a chi-square variable with `sum(dof)` degrees of freedom if the sigmas are right, so its mean lies in
+motion: the worst joint's RMSE, the frames lost and the mean NEES. Over all, the NEES of frame k of N independent
+motions adds up to a chi-square variable with `sum(dof)` degrees of freedom if the sigmas are right, so its mean lies in
 
     [chi2_0.025(sum dof), chi2_0.975(sum dof)] / N        in 95 % of the frames k.
 """

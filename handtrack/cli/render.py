@@ -1,15 +1,12 @@
 """`handtrack render`: the name of a scene and a seed in, a sequence folder with exact truth out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from ..errors import InputError
-from .console import Done, progress, say
-
-if TYPE_CHECKING:
-    from synth.scenes import Scene
+from .console import progress, say
 
 SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random"]
 
@@ -35,32 +32,8 @@ def render(
     """Render a sequence: images, model, camera, start pose and true joint values."""
     if (model is None) == (scene == "random"):
         raise InputError("--model: goes with --scene random, and that scene needs one")
+    from .rendering import build, write_scene
+
     with progress("rendering", frames) as done:
         write_scene(out, build(scene, model, seed, frames, noise, vignette, background, mode, colour), done)
     say(str(out / "sequence.yaml"))
-
-
-def write_scene(out: Path, scene: "Scene", done: Done | None = None) -> None:
-    """Write a scene as a sequence folder, whole or not at all; an earlier sequence there is replaced."""
-    import cv2
-    import numpy as np
-
-    from synth.scenes import images
-
-    from ..formats import write_bytes, write_model, write_text
-    from ..sequences import NAME, Truth
-    from .record import whole_folder
-    from .texts import sequence_text, truth_text
-
-    with whole_folder(out, NAME, "sequence") as folder:
-        (folder / "frames").mkdir()
-        for number, image in enumerate(images(scene)):
-            pixels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-            _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)
-            write_bytes(folder / "frames" / f"{number:06d}.png", content.tobytes())
-            if done is not None:
-                done(number + 1)
-        write_model(folder / "model.yaml", scene.model)
-        truth = Truth(np.arange(scene.truth.shape[0]), scene.truth)
-        write_text(folder / "truth.csv", truth_text(truth, scene.model))
-        write_text(folder / NAME, sequence_text(scene.fps, scene.camera, scene.model, scene.start))

@@ -6,7 +6,7 @@ import typer
 
 from ..errors import InputError
 from .console import progress, say, say_json, table
-from .track import Residuals, Solver, make_settings
+from .track import Residuals, Solver
 
 app = typer.Typer(help="Published tables and figures, theirs beside ours.")
 
@@ -38,6 +38,7 @@ def two_finger_occlusion(
     """Section 6.1 of the hand thesis: the index finger crosses in front of the middle finger."""
     from .occlusion import as_data
     from .occlusion import two_finger_occlusion as run
+    from .tracking import make_settings
 
     for name, value, least in (("motions", motions, 1), ("frames", frames, 2), ("first-seed", first_seed, 0)):
         if value < least:

@@ -9,4 +9,5 @@ from .points import MISFIT as MISFIT
 from .points import OUTSIDE as OUTSIDE
 from .points import REASONS as REASONS
 from .points import EdgePoints as EdgePoints
+from .wssd import curves as curves
 from .wssd import find_edges as find_edges

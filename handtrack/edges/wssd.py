@@ -23,9 +23,7 @@ _RIDGE_SHAPE = np.array([0.0, 1.0, 1.0, 1.0, 4.0])
 _INTERPOLATION_FLOOR = 0.02  # pixels: what interpolation and the blur's shape leave when noise is absent
 
 
-def curves(
-    image: Profiles, templates: Templates
-) -> Float[np.ndarray, "n k"]:
+def curves(image: Profiles, templates: Templates) -> Float[np.ndarray, "n k"]:
     """WSSD curves over shifts; `image.values` is longer than the template by k - 1 samples. inf where too little is seen."""
     n, m = templates.values.shape
     out, counts = np.empty((n, image.values.shape[1] - m + 1)), np.empty(n, dtype=np.int64)
@@ -92,7 +90,9 @@ def refine_numpy(
     edge = np.pad(templates.values, ((0, 0), (1, 1)), mode="edge")
     cover, faces = templates.parts[:, 0], templates.parts[:, 1]
     slope = -(edge[:, 2:] - edge[:, :-2]) / (span * step)
-    design = np.stack([slope, cover, faces, cover * (np.arange(m) - 0.5 * m) / m, 1.0 - cover], axis=1) * seen[:, None, :]
+    design = (
+        np.stack([slope, cover, faces, cover * (np.arange(m) - 0.5 * m) / m, 1.0 - cover], axis=1) * seen[:, None, :]
+    )
     r = np.where(seen, np.take_along_axis(image.values, column, axis=1) - templates.values, 0.0)
     gg = (design[:, 0] ** 2).sum(axis=1)
     flat = gg <= 1e-9
@@ -103,7 +103,9 @@ def refine_numpy(
     row = np.linalg.inv(normal)[:, 0]
     weight = (row[:, None, :] @ design)[:, 0]
     lag = (np.arange(m)[:, None] - np.arange(m)) * step
-    rho = _spline(lag[None] * samplers.direction[:, 0, None, None]) * _spline(lag[None] * samplers.direction[:, 1, None, None])
+    rho = _spline(lag[None] * samplers.direction[:, 0, None, None]) * _spline(
+        lag[None] * samplers.direction[:, 1, None, None]
+    )
     variance = np.einsum("ni,nij,nj->n", weight, rho, weight) + (row[:, 1:] ** 2 * ridge[:, 1:]).sum(axis=1)
     left = ((r - (solution[:, None, :] @ design)[:, 0]) ** 2 * (design[:, 1] + design[:, 4] > 0)).sum(axis=1)
     misfit = left / np.maximum(seen.sum(axis=1) - 3, 1) * (9.0 / 4.0)

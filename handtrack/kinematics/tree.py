@@ -141,7 +141,10 @@ def model_from_rows(
             raise ValueError(f"rows: joint '{joint}' is named twice; joint names are unique")
     parent = np.array([index[row.parent] if row.parent else -1 for row in rows])
     prefix = np.stack(
-        [row.transform if row.transform is not None else link_transform(row.alpha, row.a, row.d, row.theta) for row in rows]
+        [
+            row.transform if row.transform is not None else link_transform(row.alpha, row.a, row.d, row.theta)
+            for row in rows
+        ]
     )
     free, coupling, offset = coupling_matrix(tuple(names), couplings)
     links = [i for i, row in enumerate(rows) if row.link_length is not None]
@@ -216,7 +219,9 @@ def forward(model: Model, q: Float[np.ndarray, "*b j"]) -> Float[np.ndarray, "*b
         If the last axis of `q` is not the number of joints.
     """
     if q.shape[-1] != len(model.joint_names):
-        raise ValueError(f"q: last axis has {q.shape[-1]} values, model '{model.name}' has {len(model.joint_names)} joints")
+        raise ValueError(
+            f"q: last axis has {q.shape[-1]} values, model '{model.name}' has {len(model.joint_names)} joints"
+        )
     flat = np.ascontiguousarray(q, dtype=float).reshape(-1, q.shape[-1])
     frames = _kernels.forward(model.parent, model.prefix, model.joint, model.prismatic, flat)
     return frames.reshape(*q.shape[:-1], model.parent.size, 4, 4)

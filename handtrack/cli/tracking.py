@@ -1,0 +1,102 @@
+"""What was typed in; settings, sequence and a finished run out: the work of `handtrack track`."""
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.yaml_files import parse_yaml
+from ..sequences import NAME, Sequence, open_images, open_sequence
+from ..settings import Settings
+from ..track import Track
+from ..tracker import track
+from .console import note, progress, warning
+from .record import RUN_FILE, whole_folder, write_run
+
+
+def make_settings(chosen: dict[str, object]) -> Settings:
+    """Settings from what was chosen on the command line; what they refuse is the user's error."""
+    try:
+        return Settings(**chosen)  # type: ignore[arg-type]
+    except ValueError as refused:
+        raise InputError(f"--{refused}") from refused
+
+
+def open_input(
+    source: Path, model: str | None, camera: Path | None, start: str | None, fps: float | None
+) -> Sequence:
+    """The sequence that the arguments describe, with a start pose."""
+    pose = None if start is None else parse_start(start)
+    if source.name == NAME or (source / NAME).exists() or (source.is_dir() and model is None and camera is None):
+        for name, value in (("--camera", camera), ("--fps", fps)):
+            if value is not None:
+                raise InputError(f"{name}: {source} is a sequence and has its own; it is for image folders and videos")
+        sequence = open_sequence(source, model, pose)
+    else:
+        if not source.exists():
+            raise InputError(f"{source}: no such file or folder")
+        if model is None or camera is None:
+            raise InputError(f"{source}: has no {NAME}; --model and --camera were wanted with it")
+        sequence = open_images(source, model, camera, pose, fps)
+    for line in sequence.warnings:
+        warning(line)
+    if sequence.start is None:
+        raise InputError(f"{source}: no start pose; `start:` in {NAME}, or --start, was wanted")
+    return sequence
+
+
+def parse_start(text: str) -> dict[str, float] | Path:
+    """A start pose typed on the command line, or the path of a file that holds one."""
+    if not text.lstrip().startswith("{"):
+        return Path(text)
+    data = parse_yaml(text.encode(), Path("--start")).data
+    if not isinstance(data, dict) or not all(isinstance(value, int | float) for value in data.values()):
+        raise InputError(f"--start: {text} given; '{{joint: degrees, ...}}' was wanted")
+    return {joint: float(value) for joint, value in data.items()}
+
+
+def track_into(out: Path, sequence: Sequence, settings: Settings) -> Track:
+    """Track a sequence and write its run folder, whole or not at all."""
+    if sequence.start is None:
+        raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
+    with whole_folder(out, RUN_FILE, "run") as folder:
+        begun = perf_counter()
+        with progress("tracking", len(sequence.frames)) as done:
+            result = track(
+                sequence.frames,
+                sequence.model,
+                sequence.camera,
+                sequence.start,
+                fps=sequence.fps,
+                settings=settings,
+                times=sequence.frames.times,
+                progress=done,
+            )
+        seconds = perf_counter() - begun
+        note("writing video and report")
+        write_run(folder, result, sequence, settings, seconds)
+    return result
+
+
+def summary(result: Track, out: Path) -> dict[str, object]:
+    """What a machine wants to know of a run at once; the rest is in its files."""
+    return {
+        "run": str(out),
+        "report": str(out / "report.html"),
+        "frames": int(result.frame.size),
+        "status": {name: int(np.sum(result.status == name)) for name in ("tracked", "uncertain", "lost")},
+        "median_sigma_deg": float(np.degrees(np.median(result.sigma))),
+        "median_residual_px": float(np.median(result.residual)),
+        "median_frame_ms": float(1000.0 * np.median(result.seconds)),
+    }
+
+
+def summary_text(result: Track, out: Path) -> str:
+    """The same in two lines."""
+    facts = summary(result, out)
+    counts = ", ".join(f"{count} {name}" for name, count in facts["status"].items() if count)  # type: ignore[attr-defined]
+    return (
+        f"{facts['frames']} frames: {counts}; median {facts['median_frame_ms']:.2f} ms a frame, "
+        f"residual {facts['median_residual_px']:.2f} px\n{out / 'report.html'}"
+    )
