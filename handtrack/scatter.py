@@ -8,7 +8,7 @@ error of edge i in group c is modelled as
 with a factor s on the claimed sigmas and a common offset of standard deviation tau pixels. Both are found by the method of
 moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within the groups tells s, scatter between their means tau. Both are averaged over frames: where
 the model is wrong, tau grows by itself and every sigma with it. Generalised least squares under this model only needs a
-share of each group's weighted mean taken off residuals and Jacobian (`decorrelate`).
+share of each group's weighted mean taken off residuals and Jacobian (`Whitener`).
 """
 
 from dataclasses import dataclass
@@ -63,19 +63,32 @@ def common_share(
     return np.sqrt(weight / np.maximum(total[group], 1e-300)), share
 
 
-def decorrelate(
-    residual: Residual, sigma: Float[np.ndarray, " n"], group: Int[np.ndarray, " n"], scatter: Scatter
-) -> Residual:
-    """Residuals in units of sigma with independent errors of unit variance, for a residual function in units of sigma."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitener:
+    """Linear map from errors in units of sigma to independent errors of unit variance."""
+
+    s: float
+    member: Float[np.ndarray, "c n"]
+    off: Float[np.ndarray, "n c"]
+
+    def __call__(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
+        return (rows - self.off @ (self.member @ rows)) / self.s
+
+
+def whitener(sigma: Float[np.ndarray, " n"], group: Int[np.ndarray, " n"], scatter: Scatter) -> Whitener:
+    """The map for edges of these sigmas and groups."""
     v, share = common_share(sigma, group, scatter.s, scatter.tau)
-    count = share.size
-    member = np.zeros((count, group.size))
+    member = np.zeros((share.size, group.size))
     member[group, np.arange(group.size)] = v
-    off = (member * share[:, None]).T
+    return Whitener(scatter.s, member, (member * share[:, None]).T)
+
+
+def whitened(residual: Residual, white: Whitener) -> Residual:
+    """A residual function in units of sigma, made independent and of unit variance."""
 
     def independent(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         r, J = residual(u)
-        return (r - off @ (member @ r)) / scatter.s, (J - off @ (member @ J)) / scatter.s
+        return white(r), white(J)
 
     return independent
 
@@ -94,14 +107,15 @@ def learn_scatter(
     Parameters
     ----------
     r, J : (n,), (n, k)
-        Residuals and Jacobian in pixels at the solution.
+        Residuals and Jacobian in units of sigma at the solution.
     z : (n,)
         Size of the residuals in units of their robust scale: edges beyond 5 are left out, beyond 2.5 cut down to it.
     gain : (k, n)
-        Linear map from edge errors (pixels) to the solution's error.
+        Linear map from edge errors in units of sigma to the solution's error.
     """
     kept = z < _OUTLIER
-    r, J, gain = (r * np.minimum(1.0, _CUT / np.maximum(z, 1e-9)))[kept], J[kept], gain[:, kept]
+    r = (r * sigma * np.minimum(1.0, _CUT / np.maximum(z, 1e-9)))[kept]
+    J, gain = (J * sigma[:, None])[kept], (gain / sigma)[:, kept]
     w = 1.0 / sigma[kept] ** 2
     present, member = np.unique(group[kept], return_inverse=True)
     Z = (member[:, None] == np.arange(present.size)).astype(float)

@@ -18,7 +18,8 @@ from .measure_lines import first_profiles, look_lines
 from .process_noise import process_from_innovations
 from .residuals import Chain, chain, robust, rows, with_prior
 from .robust import cauchy_weight
-from .scatter import Scatter, common_share, decorrelate, first_scatter, learn_scatter
+from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitened, whitener
+from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
 from .settings import Settings
 from .smooth import KalmanState, predict_frozen, start, update
 from .solve import solve
@@ -48,6 +49,7 @@ class State:
     frozen: Bool[np.ndarray, " k"]
     appearance: Appearance | None
     scatter: Scatter
+    shape: ShapeError
     stored: Float[np.ndarray, "n m"] | None
     frames: int
 
@@ -58,10 +60,12 @@ class Estimate:
 
     u: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
+    full: Float[np.ndarray, "k k"]
     information: Float[np.ndarray, "k k"]
     seen: Look
     residual: float
     scatter: Scatter
+    shape: ShapeError
 
 
 def track(
@@ -119,7 +123,7 @@ def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: 
     u = start_pose[on.model.free]
     motion = start(u, np.eye(u.size) * settings.start_sigma**2, sigma_velocity=settings.start_speed * fps)
     psd = np.full(u.size, (np.radians(2.0) * fps) ** 2 * fps)
-    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), None, 0)
+    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), first_shape_error(), None, 0)
 
 
 def step(
@@ -143,7 +147,7 @@ def step(
     stored = state.stored
     if settings.templates == "first" and stored is None:
         stored = first_profiles(image, on, estimate.u, appearance, settings)
-    return State(motion, psd, frozen, appearance, estimate.scatter, stored, state.frames + 1), estimate
+    return State(motion, psd, frozen, appearance, estimate.scatter, estimate.shape, stored, state.frames + 1), estimate
 
 
 def _estimate(
@@ -157,7 +161,7 @@ def _estimate(
 ) -> Estimate:
     """Look and solve in turn until the pose rests."""
     prior = motion.covariance
-    whitener = np.linalg.cholesky(np.linalg.inv(prior)).T
+    prior_root = np.linalg.cholesky(np.linalg.inv(prior)).T
     u, search, scatter = motion.q if first is None else first, prior, state.scatter
     limits = on.model.limits[on.model.free]
     bounds = limits if np.isfinite(limits).any() else None
@@ -168,10 +172,11 @@ def _estimate(
         if evidence.sigma.size < 3:
             search = search * 4.0
             continue
-        edges = decorrelate(evidence.residual, evidence.sigma, evidence.group, scatter)
+        white = whitener(evidence.sigma, evidence.group, scatter)
+        edges = whitened(evidence.residual, white)
         spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(u)[0]))))
         for rescale in range(2):
-            fun = with_prior(robust(edges, spread), motion.q, whitener)
+            fun = with_prior(robust(edges, spread), motion.q, prior_root)
             solution = solve(fun, u if rescale == 0 else solution.x, bounds=bounds, max_steps=8, tolerance=1e-6)
             spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(solution.x)[0]))))
         r, J = edges(solution.x)
@@ -183,27 +188,24 @@ def _estimate(
         search = covariance * 2.0
         if number > 0 and moved.max() < _REST:
             break
-    r_px, J_px = evidence.residual(u)
-    r_px, J_px = r_px * evidence.sigma, J_px * evidence.sigma[:, None]
-    gain = _gain(covariance, J, weight, evidence.sigma, evidence.group, scatter)
-    scatter = learn_scatter(scatter, r_px, J_px, np.abs(r / spread), evidence.sigma, evidence.group, gain)
-    return Estimate(u, covariance, information, seen, float(np.sqrt(np.mean(r_px**2))), scatter)
+    r_s, J_s = evidence.residual(u)
+    # K maps edge errors in units of sigma to errors of the pose.
+    K = covariance @ white(white(J_s) * weight[:, None] / spread**2).T
+    H = shape_jacobian(on, seen.features, u)
+    root = np.sqrt(weight)[:, None] / spread
+    shape, suggested = learn_shape_error(state.shape, root[:, 0] * r, root * white(H), root * J, covariance)
+    left = r_s - H @ suggested
+    scatter = learn_scatter(scatter, left, J_s, np.abs(r / spread), evidence.sigma, evidence.group, K)
+    shaped = shape.eps * (K @ H)
+    full = covariance + shaped @ shaped.T
+    pixels = float(np.sqrt(np.mean((r_s * evidence.sigma) ** 2)))
+    return Estimate(u, covariance, full, information, seen, pixels, scatter, shape)
 
 
 def _look(image, on: Chain, u, search, appearance: Appearance, settings: Settings, stored) -> Look:
     if settings.residuals == "outline":
         return look(image, on, u, search, appearance, settings)
     return look_lines(image, on, u, search, appearance, settings, stored)
-
-
-def _gain(covariance, J, weight, sigma, group, scatter: Scatter) -> Float[np.ndarray, "k n"]:
-    """Linear map from edge errors in pixels to the error of the pose, at the solution."""
-    v, share = common_share(sigma, group, scatter.s, scatter.tau)
-    rows = J * weight[:, None]
-    member = np.zeros((share.size, group.size))
-    member[group, np.arange(group.size)] = v
-    rows = rows - (member * share[:, None]).T @ (member @ rows)
-    return covariance @ (rows / (scatter.s * sigma)[:, None]).T
 
 
 def _as_measurement(
@@ -218,7 +220,7 @@ def _as_measurement(
 
 def _collect(on: Chain, rows: list) -> Track:
     C, links = on.model.coupling, on.model.link_frame.size
-    covariance = np.stack([C @ e.covariance @ C.T for _, _, e, _, _ in rows])
+    covariance = np.stack([C @ e.full @ C.T for _, _, e, _, _ in rows])
     q = np.stack([C @ e.u + on.model.coupling_offset for _, _, e, _, _ in rows])
     share = np.array([e.seen.found.sum() / max(e.seen.expected.sum(), 1) for _, _, e, _, _ in rows])
     frozen = np.array([s.frozen.any() for _, _, _, s, _ in rows])

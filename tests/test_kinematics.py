@@ -131,16 +131,12 @@ def test_kernel_forward_equals_its_numpy_twin(model):
 def test_a_batch_holds_the_single_poses(model):
     q = np.random.default_rng(2).uniform(-3, 3, (2, 3, len(model.joint_names)))
     frames = forward(model, q)
-    ends, jacobian = link_ends(model, frames), None
-    if model.link_frame.size:
-        jacobian = point_jacobian(model, frames, model.link_frame, ends[1])
+    ends = link_ends(model, frames)
     for i, k in np.ndindex(2, 3):
         one = forward(model, q[i, k])
         np.testing.assert_array_equal(frames[i, k], one)
         for many, single in zip(ends, link_ends(model, one), strict=True):
             np.testing.assert_array_equal(many[i, k], single)
-        if jacobian is not None:
-            np.testing.assert_array_equal(jacobian[i, k], point_jacobian(model, one, model.link_frame, ends[1][i, k]))
 
 
 @pytest.mark.parametrize("name", ["full_hand", "pr", "tree 0", "tree 1", "tree 2", "tree 3"])
@@ -153,7 +149,8 @@ def test_jacobian_of_any_point_on_any_link_equals_differences_at_1000_poses(name
     def points(poses):
         return (forward(model, poses)[:, model.link_frame] @ local[..., None])[..., :3, 0]
 
-    jacobian = point_jacobian(model, forward(model, q), model.link_frame, points(q))
+    frames, at = forward(model, q), points(q)
+    jacobian = np.stack([point_jacobian(model, frames[i], model.link_frame, at[i]) for i in range(1000)])
     assert jacobian.shape == (1000, links, 3, j)
     h = 1e-3  # of a central difference of fourth order: truncation below 1e-11, rounding below 1e-10
     for i in range(j):

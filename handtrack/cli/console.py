@@ -8,7 +8,6 @@ from importlib import metadata
 
 import typer
 
-
 Done = Callable[[int], None]  # told how many steps are done
 
 

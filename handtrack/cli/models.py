@@ -1,6 +1,5 @@
 """`handtrack models`: the name of a built-in model or a model file in, its tree or its text out."""
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from synth.scenes import Scene, images
+from synth.scenes import Scene, images, two_finger_crossing, two_finger_hard
 
 from ..formats import write_bytes, write_model, write_text
 from ..sequences import NAME, Truth
@@ -28,3 +28,8 @@ def write_scene(out: Path, scene: Scene, done: Done | None = None) -> None:
         truth = Truth(np.arange(scene.truth.shape[0]), scene.truth)
         write_text(folder / "truth.csv", truth_text(truth, scene.model))
         write_text(folder / NAME, sequence_text(scene.fps, scene.camera, scene.model, scene.start))
+
+
+def build(name: str, model: str | None, seed: int, frames: int) -> Scene:
+    """The scene of that name."""
+    return two_finger_hard(seed, frames=frames) if name == "two-finger-hard" else two_finger_crossing(seed, frames=frames)

@@ -23,9 +23,7 @@ def make_settings(chosen: dict[str, object]) -> Settings:
         raise InputError(f"--{refused}") from refused
 
 
-def open_input(
-    source: Path, model: str | None, camera: Path | None, start: str | None, fps: float | None
-) -> Sequence:
+def open_input(source: Path, model: str | None, camera: Path | None, start: str | None, fps: float | None) -> Sequence:
     """The sequence that the arguments describe, with a start pose."""
     pose = None if start is None else parse_start(start)
     if source.name == NAME or (source / NAME).exists() or (source.is_dir() and model is None and camera is None):

@@ -16,6 +16,8 @@ from ..errors import InputError
 from . import bench, demo, evaluate, models, render, reproduce, track
 from .console import error, say, version_of, warning
 
+INTERRUPTED = 130
+
 app = typer.Typer(
     name="handtrack",
     help="Track fingers in images and video with articulated pill models, and say how sure each pose is.",
@@ -35,10 +37,11 @@ app.command()(bench.bench)
 _UsageError = typer.BadParameter.__mro__[2]
 
 
-def _show_version(wanted: bool) -> None:
+def _show_version(wanted: bool) -> bool:
     if wanted:
         say(f"handtrack {version_of('handtrack')}")
         raise typer.Exit
+    return wanted
 
 
 @app.callback()
@@ -60,14 +63,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = _show_warning
         try:
-            return _run(given or ["--help"])
+            code = _run(given or ["--help"])
         except (KeyboardInterrupt, typer.Abort):
-            error("interrupted")
-            return 130
+            code = INTERRUPTED
         except Exception as failure:  # noqa: BLE001 - the last stop: every failure becomes one line and an exit code
             if debug:
                 traceback.print_exc()
-            return _explain(failure)
+            code = _explain(failure)
+    if code == INTERRUPTED:  # some versions of typer return it, some raise
+        error("interrupted")
+    return code
 
 
 def _run(arguments: list[str]) -> int:
