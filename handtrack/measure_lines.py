@@ -36,6 +36,7 @@ def look_lines(
     appearance: Appearance,
     settings: Settings,
     stored: Float[np.ndarray, "n m"] | None = None,
+    widen: float = 1.0,
 ) -> Look:
     """Measure axial lines and tips around the pose u, reaching three sigmas of the prediction.
 
@@ -46,7 +47,7 @@ def look_lines(
     """
     pills = posed(on, u)
     wide = across(pills, on.model.link_finger, on.camera, appearance, COUNT, settings.visibility == "polygons")
-    spread = _spread(on, wide.samplers, u, covariance)
+    spread = widen * _spread(on, wide.samplers, u, covariance)
     reach = np.clip(3.0 * spread + 1.0, LEAST_REACH, MOST_REACH)
     step = float(wide.u[1] - wide.u[0])
     margin = int(np.ceil(reach.max(initial=LEAST_REACH) / step))

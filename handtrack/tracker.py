@@ -5,18 +5,19 @@ predict -> (look -> solve) until the pose rests -> learn the appearance -> filte
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from .appearance import Appearance, learn
 from .camera import Camera
+from .edges import BORDER
 from .kinematics import Model
 from .measure import Look, look, posed, visible_share
 from .measure_lines import first_profiles, look_lines
 from .process_noise import process_from_innovations
-from .residuals import Chain, chain, robust, rows, with_prior
+from .residuals import Chain, Rows, chain, robust, rows, with_prior
 from .robust import cauchy_weight
 from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitened, whitener
 from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
@@ -25,6 +26,8 @@ from .smooth import KalmanState, predict_frozen, start, update
 from .solve import solve
 from .track import LOST, TRACKED, UNCERTAIN, Track
 
+_MOST_BORDER, _WIDEST = 0.06, 8.0  # share of edges at the end of their search range that asks for a wider one
+_PLAIN_S, _PLAIN_TAU = 2.0, 0.1  # scatter that a right model may show
 _REST = 0.05  # largest motion of an edge, in pixels, at which a pass ends the frame
 
 
@@ -51,6 +54,7 @@ class State:
     scatter: Scatter
     shape: ShapeError
     stored: Float[np.ndarray, "n m"] | None
+    widen: float
     frames: int
 
 
@@ -66,6 +70,7 @@ class Estimate:
     residual: float
     scatter: Scatter
     shape: ShapeError
+    widen: float
 
 
 def track(
@@ -123,7 +128,7 @@ def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: 
     u = start_pose[on.model.free]
     motion = start(u, np.eye(u.size) * settings.start_sigma**2, sigma_velocity=settings.start_speed * fps)
     psd = np.full(u.size, (np.radians(2.0) * fps) ** 2 * fps)
-    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), first_shape_error(), None, 0)
+    return State(motion, psd, np.zeros(u.size, dtype=bool), None, first_scatter(), first_shape_error(), None, 1.0, 0)
 
 
 def step(
@@ -147,7 +152,7 @@ def step(
     stored = state.stored
     if settings.templates == "first" and stored is None:
         stored = first_profiles(image, on, estimate.u, appearance, settings)
-    return State(motion, psd, frozen, appearance, estimate.scatter, estimate.shape, stored, state.frames + 1), estimate
+    return State(motion, psd, frozen, appearance, estimate.scatter, estimate.shape, stored, max(1.0, 0.8 * estimate.widen), state.frames + 1), estimate
 
 
 def _estimate(
@@ -165,9 +170,9 @@ def _estimate(
     u, search, scatter = motion.q if first is None else first, prior, state.scatter
     limits = on.model.limits[on.model.free]
     bounds = limits if np.isfinite(limits).any() else None
-    passes = settings.passes + (4 if state.frames < 3 else 0)
+    passes, widen = settings.passes + (4 if state.frames < 3 else 0), state.widen
     for number in range(passes):
-        seen = _look(image, on, u, search, appearance, settings, state.stored)
+        seen = _look(image, on, u, search, appearance, settings, state.stored, widen)
         evidence = rows(on, seen.features, seen.samplers.side[seen.found])
         if evidence.sigma.size < 3:
             search = search * 4.0
@@ -186,26 +191,35 @@ def _estimate(
         information = (J * weight[:, None]).T @ J / spread**2
         covariance = np.linalg.inv(information + np.linalg.inv(prior))
         search = covariance * 2.0
-        if number > 0 and moved.max() < _REST:
+        border = (seen.edges.reason == BORDER).sum() > _MOST_BORDER * seen.expected.sum()
+        widen = min(2.0 * widen, _WIDEST) if border else widen
+        if number > 0 and moved.max() < _REST and not border:
             break
     r_s, J_s = evidence.residual(u)
     # K maps edge errors in units of sigma to errors of the pose.
     K = covariance @ white(white(J_s) * weight[:, None] / spread**2).T
     H = shape_jacobian(on, seen.features, u)
-    root = np.sqrt(weight)[:, None] / spread
-    shape, suggested = learn_shape_error(state.shape, root[:, 0] * r, root * white(H), root * J, covariance)
+    shape, suggested = _shape_evidence(state, evidence, scatter, r_s, J_s, H, np.sqrt(weight), prior)
     left = r_s - H @ suggested
     scatter = learn_scatter(scatter, left, J_s, np.abs(r / spread), evidence.sigma, evidence.group, K)
     shaped = shape.eps * (K @ H)
     full = covariance + shaped @ shaped.T
     pixels = float(np.sqrt(np.mean((r_s * evidence.sigma) ** 2)))
-    return Estimate(u, covariance, full, information, seen, pixels, scatter, shape)
+    return Estimate(u, covariance, full, information, seen, pixels, scatter, shape, widen)
 
 
-def _look(image, on: Chain, u, search, appearance: Appearance, settings: Settings, stored) -> Look:
+def _shape_evidence(state: State, evidence: Rows, scatter: Scatter, r, J, H, root, prior):
+    """Evidence of a wrong shape, judged by the scatter of a right model: else the scatter explains everything first."""
+    least = replace(scatter, s=min(scatter.s, _PLAIN_S), tau=min(scatter.tau, _PLAIN_TAU))
+    white = whitener(evidence.sigma, evidence.group, least)
+    r, J, H = root * white(r), root[:, None] * white(J), root[:, None] * white(H)
+    return learn_shape_error(state.shape, r, H, J, np.linalg.inv(J.T @ J + np.linalg.inv(prior)))
+
+
+def _look(image, on: Chain, u, search, appearance: Appearance, settings: Settings, stored, widen: float) -> Look:
     if settings.residuals == "outline":
-        return look(image, on, u, search, appearance, settings)
-    return look_lines(image, on, u, search, appearance, settings, stored)
+        return look(image, on, u, search, appearance, settings, widen)
+    return look_lines(image, on, u, search, appearance, settings, stored, widen)
 
 
 def _as_measurement(
