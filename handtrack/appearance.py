@@ -12,11 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .camera import Camera, rays
+from .camera import Camera, pixels_per_unit, project_camera, rays
 from .pills import Pills, ray_hits
-from .profiles import place_across, sample
+from .profiles import sample_points
+from .robust import median
 
 _RIDGE = 3e-5  # pull of each coefficient towards zero, growing with the square of its degree
+_ALONG = np.linspace(0.08, 0.92, 6)  # where on each link grey levels are read
+_ACROSS = np.array([-1.3, -0.955, -0.9, -0.8, -0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.9, 0.955, 1.3])  # in radii
 _MEMORY = 0.8  # weight of what earlier frames told, for each new frame
 
 
@@ -92,47 +95,48 @@ def learn(
     hits = ray_hits(pills, origin, direction)
     on = hits.pill >= 0
     noise = _noise(image, points, on)
-    background = float(np.median(level[~on])) if (~on).any() else (previous.background if previous else 0.0)
+    background = median(level[~on]) if (~on).any() else (previous.background if previous else 0.0)
     normal, target, link = hits.normal[on], level[on], hits.pill[on]
     gain = previous.gain if previous else np.ones(pills.base.shape[0])
-    if previous is not None and previous.noise > 0.0:
+    if previous is not None:
         noise = _MEMORY * previous.noise + (1.0 - _MEMORY) * noise
         background = _MEMORY * previous.background + (1.0 - _MEMORY) * background
     if target.size < 20:
         return replace(previous, noise=noise) if previous else _flat(pills, background, noise, level)
-    weight = _plausible(normal, target, gain[link], background, noise, previous)
+    basis = harmonics(normal)
+    known = previous and gain[link] * (basis @ previous.shading[:25] + np.maximum(normal @ previous.shading[25:], 0.0))
+    weight = _plausible(target, known, background, noise)
     light = _light(normal, target / gain[link], weight, previous.shading[25:] if previous else None)
-    design = np.column_stack([harmonics(normal), np.maximum(normal @ light, 0.0)]) * gain[link, None]
-    matrix, vector = (design * weight[:, None]).T @ design, (design * weight[:, None]).T @ target
+    lit = np.maximum(normal @ light, 0.0)
+    design = np.column_stack([basis, lit]) * gain[link, None]
+    weighted = design * weight[:, None]
+    matrix, vector = weighted.T @ design, weighted.T @ target
     if previous is not None:
         matrix, vector = matrix + _MEMORY * previous.normal_matrix, vector + _MEMORY * previous.normal_vector
     solution = np.linalg.solve(matrix + _RIDGE * target.size * np.diag(np.append(_DEGREE**2, 0.0) + 1e-3), vector)
     shading = np.append(solution[:25], max(solution[25], 0.0) * light)
-    residual = target - gain[link] * shaded(shading, normal)
-    spread = float(1.4826 * np.median(np.abs(residual[weight > 0]))) if (weight > 0).any() else noise
-    gain = _gains(gain, link, target, shaded(shading, normal), weight)
-    return Appearance(shading, gain, background, noise, spread, matrix, vector)
+    shaded_now = basis @ solution[:25] + max(solution[25], 0.0) * lit
+    residual = np.abs(target - gain[link] * shaded_now)[weight > 0]
+    spread = 1.4826 * median(residual) if residual.size else noise
+    return Appearance(
+        shading, _gains(gain, link, target, shaded_now, weight), background, noise, spread, matrix, vector
+    )
 
 
 def _plausible(
-    normal: Float[np.ndarray, "n 3"],
-    target: Float[np.ndarray, " n"],
-    gain: Float[np.ndarray, " n"],
-    background: float,
-    noise: float,
-    previous: Appearance | None,
+    target: Float[np.ndarray, " n"], known: Float[np.ndarray, " n"] | None, background: float, noise: float
 ) -> Float[np.ndarray, " n"]:
     """Weight of each point: none for what is as dark as the background at the start, or far from the known shading.
 
     The cut leaves room for a shaded side that the shading has not learnt yet, or it never would.
     """
     foreground = np.abs(target - background)
-    typical = float(np.median(foreground))
-    if previous is None:
+    typical = median(foreground)
+    if known is None:
         return (foreground > max(0.1 * typical, 3.0 * noise)).astype(float)
-    residual = target - gain * shaded(previous.shading, normal)
-    cut = 4.7 * max(1.4826 * float(np.median(np.abs(residual))), 0.06 * typical)
-    return np.where(np.abs(residual) < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
+    residual = np.abs(target - known)
+    cut = 4.7 * max(1.4826 * median(residual), 0.06 * typical)
+    return np.where(residual < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
 
 
 def _light(
@@ -160,22 +164,17 @@ def _light(
 def _surface_samples(
     image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    across = place_across(pills, camera, 8)
-    radius = np.array([_seen_radius(pills, camera, k) for k in range(pills.base.shape[0])])[across.link]
-    share = np.array([-1.35, -1.2, -0.955, -0.9, -0.8, -0.6, -0.35, -0.1, 0.1, 0.35, 0.6, 0.8, 0.9, 0.955, 1.2, 1.35])
-    points = across.origin[:, None, :] + (radius[:, None] * share)[..., None] * across.direction[:, None, :]
-    flat = points.reshape(-1, 2)
-    zero = np.zeros(flat.shape[0], dtype=int)
-    at = replace(across, origin=flat, direction=np.zeros_like(flat), link=zero, along=zero * 1.0, side=zero, kind=zero)
-    at = replace(at, contact=np.zeros((flat.shape[0], 3)))
-    found = sample(image, at, np.zeros(1))
-    kept = found.inside[:, 0]
-    return flat[kept], found.values[kept, 0]
-
-
-def _seen_radius(pills: Pills, camera: Camera, link: int) -> float:
-    depth = 1.0 if camera.kind == "orthographic" else max(0.5 * (pills.base[link, 2] + pills.tip[link, 2]), 1e-9)
-    return float(pills.radius[link].mean() * 0.5 * (camera.fx + camera.fy) / depth)
+    """Points on and beside every link, with their grey levels."""
+    base, tip = project_camera(camera, pills.base), project_camera(camera, pills.tip)
+    axis = tip - base
+    length = np.linalg.norm(axis, axis=1)
+    across = np.stack([-axis[:, 1], axis[:, 0]], axis=1) / np.maximum(length, 1e-9)[:, None]
+    radius = pills.radius.mean(axis=1) * pixels_per_unit(camera, 0.5 * (pills.base + pills.tip))
+    points = base[:, None, None] + _ALONG[:, None, None] * axis[:, None, None]
+    points = (points + (radius[:, None] * _ACROSS)[:, None, :, None] * across[:, None, None]).reshape(-1, 2)
+    points = points[np.isfinite(points).all(axis=1)]
+    level, inside = sample_points(image, points)
+    return points[inside], level[inside]
 
 
 def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
@@ -186,7 +185,7 @@ def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on
         return 1.0
     x, y = at.T
     second = image[y, x - 1] - 2.0 * image[y, x] + image[y, x + 1]
-    return float(max(1.4826 * np.median(np.abs(second - np.median(second))) / np.sqrt(6.0), 0.29))
+    return float(max(1.4826 * median(np.abs(second - median(second))) / np.sqrt(6.0), 0.29))
 
 
 def _gains(

@@ -7,14 +7,14 @@ silhouette: unit vectors n for which the plane (perspective: through the camera 
 `c(s) + r(s) n` contains the line of sight.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from . import _kernels
-from .camera import Camera, project_camera
+from .camera import Camera, project_camera, rays
 from .pills import Pills
 
 SIDE, CAP = 0, 1
@@ -38,6 +38,8 @@ class Samplers:
         SIDE or CAP.
     contact : (n, 3)
         The surface point, in camera axes, seen at the origin.
+    ray, slope : (n, 6)
+        Origin and direction, in camera axes, of the ray through the origin, and their change for one pixel along u.
     """
 
     origin: Float[np.ndarray, "n 2"]
@@ -47,6 +49,8 @@ class Samplers:
     side: Int[np.ndarray, " n"]
     kind: Int[np.ndarray, " n"]
     contact: Float[np.ndarray, "n 3"]
+    ray: Float[np.ndarray, "n 6"]
+    slope: Float[np.ndarray, "n 6"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +136,55 @@ def place_outline(
     fan : (k,)
         Angles of the tip's samplers from the seen axis, radians; default five from -60 to 60 degrees.
     """
+    link, along, side, angle = _outline_places(pills, camera, tips, spacing, most, fan)
+    n = link.size
+    origin, direction, contact = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 3))
+    ray, slope, kept = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.bool_)
+    _kernels.place_outline(
+        pills.base,
+        pills.tip,
+        pills.radius,
+        link,
+        along,
+        side,
+        angle,
+        camera.kind == "orthographic",
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        camera.distortion,
+        origin,
+        direction,
+        contact,
+        ray,
+        slope,
+        kept,
+    )
+    found = Samplers(origin, direction, link, along, side, np.where(side == 0, CAP, SIDE), contact, ray, slope)
+    return found if kept.all() else _only(found, kept)
+
+
+def place_outline_numpy(
+    pills: Pills,
+    camera: Camera,
+    tips: Bool[np.ndarray, " l"],
+    spacing: float = 8.0,
+    most: int = 16,
+    fan: Float[np.ndarray, " k"] | None = None,
+) -> Samplers:
+    """The same as `place_outline` in plain NumPy: the twin of the compiled kernel."""
+    link, along, side, angle = _outline_places(pills, camera, tips, spacing, most, fan)
+    sides = side != 0
+    normal = np.empty((link.size, 3))
+    normal[sides] = contact_normals(pills, link[sides], side[sides].astype(float), camera)
+    normal[~sides] = cap_normals(pills, link[~sides], angle[~sides], camera)
+    kept = np.isfinite(normal).all(axis=1)
+    kind = np.where(side == 0, CAP, SIDE)
+    return _on_surface(pills, camera, link[kept], along[kept], side[kept], kind[kept], normal[kept])
+
+
+def _outline_places(
+    pills: Pills, camera: Camera, tips: Bool[np.ndarray, " l"], spacing: float, most: int, fan: Float[np.ndarray, " k"] | None
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Link, axial position, side and (for tips) angle of every outline sampler."""
     ends = project_camera(camera, np.stack([pills.base, pills.tip]))
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
     count = np.clip(np.nan_to_num(length) / spacing, 2, most).astype(int)
@@ -141,17 +194,30 @@ def place_outline(
     tip_links = np.repeat(np.flatnonzero(tips), fan.size)
     link = np.concatenate([link_one, link_one, tip_links])
     along = np.concatenate([along_one, along_one, np.ones(tip_links.size)])
-    side = np.concatenate([np.ones(link_one.size), -np.ones(link_one.size), np.zeros(tip_links.size)])
-    sides = slice(0, 2 * link_one.size)
-    normal = np.concatenate(
-        [
-            contact_normals(pills, link[sides], side[sides], camera),
-            cap_normals(pills, tip_links, np.tile(fan, int(tips.sum())), camera),
-        ]
+    side = np.repeat(np.array([1, -1, 0]), [link_one.size, link_one.size, tip_links.size])
+    angle = np.concatenate([np.zeros(2 * link_one.size), np.tile(fan, int(tips.sum()))])
+    return link, along, side, angle
+
+
+def _only(samplers: Samplers, kept: Bool[np.ndarray, " n"]) -> Samplers:
+    return Samplers(*(getattr(samplers, field.name)[kept] for field in fields(samplers)))
+
+
+def with_rays(
+    camera: Camera,
+    origin: Float[np.ndarray, "n 2"],
+    direction: Float[np.ndarray, "n 2"],
+    link: Int[np.ndarray, " n"],
+    along: Float[np.ndarray, " n"],
+    side: Int[np.ndarray, " n"],
+    kind: Int[np.ndarray, " n"],
+    contact: Float[np.ndarray, "n 3"],
+) -> Samplers:
+    """Samplers with the rays that follow from their pixels."""
+    ahead, behind = np.hstack(rays(camera, origin + direction)), np.hstack(rays(camera, origin - direction))
+    return Samplers(
+        origin, direction, link, along, side, kind, contact, np.hstack(rays(camera, origin)), 0.5 * (ahead - behind)
     )
-    kind = np.repeat([SIDE, CAP], [2 * link_one.size, tip_links.size])
-    kept = np.isfinite(normal).all(axis=1)
-    return _on_surface(pills, camera, link[kept], along[kept], side[kept].astype(int), kind[kept], normal[kept])
 
 
 def _on_surface(
@@ -171,7 +237,8 @@ def _on_surface(
     across = normal[:, :2] / (camera.fx, camera.fy)
     direction = across / np.linalg.norm(across, axis=1, keepdims=True)
     seen = np.isfinite(origin).all(axis=1)
-    return Samplers(origin[seen], direction[seen], link[seen], along[seen], side[seen], kind[seen], contact[seen])
+    found = (origin, direction, link, along, side, kind, contact)
+    return with_rays(camera, *(values[seen] for values in found))
 
 
 def place_across(pills: Pills, camera: Camera, count: int = 6) -> Samplers:
@@ -191,7 +258,7 @@ def place_across(pills: Pills, camera: Camera, count: int = 6) -> Samplers:
     flip = np.where((np.nan_to_num(towards) * normal).sum(axis=1) < 0, -1.0, 1.0)
     point = pills.base[link] + along[:, None] * (pills.tip[link] - pills.base[link])
     zero = np.zeros(link.size, dtype=int)
-    return Samplers(project_camera(camera, point), flip[:, None] * normal, link, along, zero, zero + SIDE, point)
+    return with_rays(camera, project_camera(camera, point), flip[:, None] * normal, link, along, zero, zero + SIDE, point)
 
 
 def place_tips(
@@ -205,7 +272,7 @@ def place_tips(
     n = link.size
     zero = np.zeros(n, dtype=int)
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    return Samplers(origin, unit, link, np.ones(n), zero, zero + CAP, pills.tip[link])
+    return with_rays(camera, origin, unit, link, np.ones(n), zero, zero + CAP, pills.tip[link])
 
 
 def sample(
@@ -226,6 +293,15 @@ def sample(
     )
     _kernels.sample_lines(image, samplers.origin, samplers.direction, u, _ORDER[method], values, inside)
     return Profiles(u, values, inside)
+
+
+def sample_points(
+    image: Float[np.ndarray, "h w"], xy: Float[np.ndarray, "n 2"], method: Interpolation = "bilinear"
+) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Interpolated intensities at single pixels, and which of them are inside the image."""
+    values, inside = np.empty((xy.shape[0], 1)), np.empty((xy.shape[0], 1), dtype=np.bool_)
+    _kernels.sample_lines(image, xy, np.zeros_like(xy), np.zeros(1), _ORDER[method], values, inside)
+    return values[:, 0], inside[:, 0]
 
 
 def sample_numpy(

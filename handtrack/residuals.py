@@ -84,12 +84,13 @@ def outline_features(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
-    """What the kernels need of a model and a camera, laid out once."""
+    """What the kernels need of a model and a camera, laid out once; `plain` if no joint follows another."""
 
     model: Model
     camera: Camera
     moves: Bool[np.ndarray, "f j"]
     joint_frame: Int[np.ndarray, " j"]
+    plain: bool
 
 
 def chain(model: Model, camera: Camera) -> Chain:
@@ -97,7 +98,7 @@ def chain(model: Model, camera: Camera) -> Chain:
     joint_frame = np.empty(len(model.joint_names), dtype=np.int64)
     moved = np.flatnonzero(model.joint >= 0)
     joint_frame[model.joint[moved]] = moved
-    return Chain(model, camera, joints_below(model), joint_frame)
+    return Chain(model, camera, joints_below(model), joint_frame, model.free.size == len(model.joint_names))
 
 
 def outline_residuals(
@@ -125,7 +126,7 @@ def outline_residuals(
         r,
         J,
     )
-    return r, J @ model.coupling
+    return r, J if on.plain else J @ model.coupling
 
 
 def outline_residuals_numpy(
@@ -196,17 +197,21 @@ def rows(on: Chain, features: OutlineFeatures | LineFeatures, side: Int[np.ndarr
     return Rows(lambda u: line_residuals(on, features, u), sigma, np.unique(key, return_inverse=True)[1])
 
 
-def with_prior(residual: Residual, mean: Float[np.ndarray, " k"], whitener: Float[np.ndarray, "k k"]) -> Residual:
-    """Append the prediction as residuals `whitener @ (u - mean)`, where `whitener.T @ whitener` is its information."""
+@dataclass(frozen=True, slots=True, eq=False)
+class WithPrior:
+    """Residuals with the prediction appended as `root @ (u - mean)`, where `root.T @ root` is its information."""
 
-    def stacked(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
-        r, J = residual(u)
-        return np.concatenate([r, whitener @ (u - mean)]), np.concatenate([J, whitener])
+    residual: Residual
+    mean: Float[np.ndarray, " k"]
+    root: Float[np.ndarray, "k k"]
 
-    return stacked
+    def __call__(self, u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        r, J = self.residual(u)
+        return np.concatenate([r, self.root @ (u - self.mean)]), np.concatenate([J, self.root])
 
 
-def robust(residual: Residual, scale: float = 1.0, c: float = 2.385) -> Residual:
+@dataclass(frozen=True, slots=True, eq=False)
+class Robust:
     """The same residuals under Cauchy's loss, written as plain least squares.
 
     `r' = c sqrt(log(1 + z^2))` with `z = r / (c scale)` and the sign of r: its half square is Cauchy's loss, so every
@@ -214,12 +219,22 @@ def robust(residual: Residual, scale: float = 1.0, c: float = 2.385) -> Residual
     Welsch 1977).
     """
 
-    def softened(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
-        r, J = residual(u)
-        z = r / (c * scale)
-        z2 = z * z
-        size = np.sqrt(np.log1p(z2))
-        slope = np.where(np.abs(z) > 1e-6, np.abs(z) / np.maximum((1.0 + z2) * size, 1e-300), 1.0)
-        return c * np.sign(z) * size, J * (slope / scale)[:, None]
+    residual: Residual
+    scale: float = 1.0
 
-    return softened
+    def __call__(self, u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        r, J = self.residual(u)
+        r, J = r.copy(), J.copy()
+        _kernels.soften_rows(r, J, self.scale)
+        return r, J
+
+
+def soften_numpy(
+    r: Float[np.ndarray, " m"], J: Float[np.ndarray, "m k"], scale: float, c: float = 2.385
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+    """What `Robust` does to residuals and Jacobian, in plain NumPy: the twin of the compiled kernel."""
+    z = np.abs(r) / (c * scale)
+    size = np.sqrt(np.log1p(z * z))
+    small = z <= 1e-6
+    slope = np.where(small, 1.0, z / np.where(small, 1.0, (1.0 + z * z) * size))
+    return np.where(small, r / scale, c * np.sign(r) * size), J * (slope / scale)[:, None]

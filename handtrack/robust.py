@@ -123,3 +123,13 @@ def _positive(c: float) -> float:
     if not c > 0:
         raise ValueError(f"c: {c} is not a tuning constant, a number > 0 is wanted")
     return c
+
+
+def median(values: Float[np.ndarray, " n"]) -> float:
+    """The upper median of a vector, several times quicker than NumPy's for the few hundred numbers of a frame.
+
+    >>> median(np.array([3.0, 1.0, 2.0]))
+    2.0
+    """
+    middle = values.size // 2
+    return float(np.partition(values, middle)[middle])

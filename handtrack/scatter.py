@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from . import _kernels
 from .residuals import Residual
 
 _MEMORY = 0.9  # weight of earlier frames
@@ -65,32 +66,45 @@ def common_share(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitener:
-    """Linear map from errors in units of sigma to independent errors of unit variance."""
+    """Linear map from errors in units of sigma to independent errors of unit variance.
+
+    `v` and `share` are those of `common_share`.
+    """
 
     s: float
-    member: Float[np.ndarray, "c n"]
-    off: Float[np.ndarray, "n c"]
+    group: Int[np.ndarray, " n"]
+    v: Float[np.ndarray, " n"]
+    share: Float[np.ndarray, " c"]
 
-    def __call__(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
-        return (rows - self.off @ (self.member @ rows)) / self.s
+    def __call__(
+        self, r: Float[np.ndarray, " n"], J: Float[np.ndarray, "n k"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+        """Whitened copies of a vector and of the columns of a matrix."""
+        r, J = r.copy(), np.array(J, order="C")
+        _kernels.whiten_rows(r, J, self.v, self.share, self.group, self.s)
+        return r, J
+
+
+def whiten_numpy(white: Whitener, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """What a `Whitener` does to columns, in plain NumPy: the twin of the compiled kernel."""
+    member = (white.group == np.arange(white.share.size)[:, None]) * white.v
+    return (rows - (member * white.share[:, None]).T @ (member @ rows)) / white.s
 
 
 def whitener(sigma: Float[np.ndarray, " n"], group: Int[np.ndarray, " n"], scatter: Scatter) -> Whitener:
     """The map for edges of these sigmas and groups."""
-    v, share = common_share(sigma, group, scatter.s, scatter.tau)
-    member = np.zeros((share.size, group.size))
-    member[group, np.arange(group.size)] = v
-    return Whitener(scatter.s, member, (member * share[:, None]).T)
+    return Whitener(scatter.s, group, *common_share(sigma, group, scatter.s, scatter.tau))
 
 
-def whitened(residual: Residual, white: Whitener) -> Residual:
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
     """A residual function in units of sigma, made independent and of unit variance."""
 
-    def independent(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-        r, J = residual(u)
-        return white(r), white(J)
+    residual: Residual
+    white: Whitener
 
-    return independent
+    def __call__(self, u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+        return self.white(*self.residual(u))
 
 
 def learn_scatter(

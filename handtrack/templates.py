@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from . import _kernels
 from .appearance import Appearance, shade_numpy
-from .camera import Camera, pixels_per_unit, rays
+from .camera import Camera, pixels_per_unit
 from .pills import Pills, ray_hits_numpy
 from .profiles import Samplers
 
@@ -52,14 +52,6 @@ def positions(inwards: float, outwards: float, step: float) -> Float[np.ndarray,
     return (np.arange(-round(inwards / step), round(outwards / step)) + 0.5) * step
 
 
-def _sampler_rays(samplers: Samplers, camera: Camera) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
-    """Ray (origin, direction) at u = 0 and its change for each pixel along the sampler."""
-    middle = np.hstack(rays(camera, samplers.origin))
-    ahead = np.hstack(rays(camera, samplers.origin + samplers.direction))
-    behind = np.hstack(rays(camera, samplers.origin - samplers.direction))
-    return middle, 0.5 * (ahead - behind)
-
-
 def _depth_step(samplers: Samplers, pills: Pills, camera: Camera) -> Float[np.ndarray, " n"]:
     """Depth that must lie between two surfaces of one finger for an edge to be seen: a quarter of the link's radius."""
     step = 0.25 * pills.radius[samplers.link].mean(axis=1)
@@ -94,14 +86,13 @@ def expect(
         Length of the window on either side of the edge, and distance of its samples, pixels.
     """
     u = positions(inwards, outwards, step)
-    ray0, ray1 = _sampler_rays(samplers, camera)
     shape = (samplers.link.size, u.size)
     values, visible = np.empty(shape), np.empty(shape, dtype=np.bool_)
     parts = np.empty((shape[0], 2, shape[1]))
     state = np.empty(samplers.link.size, dtype=np.int64)
     _kernels.expect_profiles(
-        ray0,
-        ray1,
+        samplers.ray,
+        samplers.slope,
         u,
         pills.base,
         pills.tip,
@@ -135,8 +126,7 @@ def expect_numpy(
     """The same as `expect` in plain NumPy: the twin of the compiled kernel."""
     u = positions(inwards, outwards, step)
     n, m, mid = samplers.link.size, u.size, int(np.searchsorted(u, 0.0))
-    ray0, ray1 = _sampler_rays(samplers, camera)
-    ray = (ray0[:, None, :] + u[None, :, None] * ray1[:, None, :]).reshape(-1, 6)
+    ray = (samplers.ray[:, None, :] + u[None, :, None] * samplers.slope[:, None, :]).reshape(-1, 6)
     hits = ray_hits_numpy(pills, ray[:, :3], ray[:, 3:])
     raw = shade_numpy(appearance, hits.normal, hits.pill).reshape(n, m)
     depth, group = hits.t.reshape(n, m), np.where(hits.pill >= 0, finger[hits.pill], -1).reshape(n, m)

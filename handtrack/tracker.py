@@ -17,9 +17,9 @@ from .kinematics import Model
 from .measure import Look, look, posed, visible_share
 from .measure_lines import first_profiles, look_lines
 from .process_noise import process_from_innovations
-from .residuals import Chain, Rows, chain, robust, rows, with_prior
-from .robust import cauchy_weight
-from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitened, whitener
+from .residuals import Chain, Robust, Rows, WithPrior, chain, rows
+from .robust import cauchy_weight, median
+from .scatter import Scatter, Whitened, first_scatter, learn_scatter, whitener
 from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
 from .settings import Settings
 from .smooth import KalmanState, predict_frozen, start, update
@@ -178,12 +178,12 @@ def _estimate(
             search = search * 4.0
             continue
         white = whitener(evidence.sigma, evidence.group, scatter)
-        edges = whitened(evidence.residual, white)
-        spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(u)[0]))))
+        edges = Whitened(evidence.residual, white)
+        spread = max(1.0, 1.4826 * median(np.abs(edges(u)[0])))
         for rescale in range(2):
-            fun = with_prior(robust(edges, spread), motion.q, prior_root)
+            fun = WithPrior(Robust(edges, spread), motion.q, prior_root)
             solution = solve(fun, u if rescale == 0 else solution.x, bounds=bounds, max_steps=8, tolerance=1e-6)
-            spread = max(1.0, 1.4826 * float(np.median(np.abs(edges(solution.x)[0]))))
+            spread = max(1.0, 1.4826 * median(np.abs(edges(solution.x)[0])))
         r, J = edges(solution.x)
         weight = cauchy_weight(r / spread)
         moved = np.abs(J @ (solution.x - u)) * evidence.sigma
@@ -197,7 +197,7 @@ def _estimate(
             break
     r_s, J_s = evidence.residual(u)
     # K maps edge errors in units of sigma to errors of the pose.
-    K = covariance @ white(white(J_s) * weight[:, None] / spread**2).T
+    K = covariance @ white(r, J * weight[:, None] / spread**2)[1].T
     H = shape_jacobian(on, seen.features, u)
     shape, suggested = _shape_evidence(state, evidence, scatter, r_s, J_s, H, np.sqrt(weight), prior)
     left = r_s - H @ suggested
@@ -212,7 +212,9 @@ def _shape_evidence(state: State, evidence: Rows, scatter: Scatter, r, J, H, roo
     """Evidence of a wrong shape, judged by the scatter of a right model: else the scatter explains everything first."""
     least = replace(scatter, s=min(scatter.s, _PLAIN_S), tau=min(scatter.tau, _PLAIN_TAU))
     white = whitener(evidence.sigma, evidence.group, least)
-    r, J, H = root * white(r), root[:, None] * white(J), root[:, None] * white(H)
+    r, both = white(r, np.hstack([J, H]))
+    r, both = root * r, root[:, None] * both
+    J, H = both[:, : J.shape[1]], both[:, J.shape[1] :]
     return learn_shape_error(state.shape, r, H, J, np.linalg.inv(J.T @ J + np.linalg.inv(prior)))
 
 

@@ -17,7 +17,11 @@ UNCHECKED = {"__init__", "_kernels"}
 
 def _checked_modules() -> list[str]:
     files = [file for package in ("handtrack", "synth") for file in sorted((ROOT / package).rglob("*.py"))]
-    return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files if file.stem not in UNCHECKED]
+    return [
+        ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        for file in files
+        if not UNCHECKED & {file.stem, file.parent.name}
+    ]
 
 
 install_import_hook(_checked_modules(), "beartype.beartype")

@@ -13,6 +13,7 @@ import pytest
 from handtrack.cli import main
 from handtrack.cli.rendering import write_scene
 from handtrack.errors import InputError
+from handtrack.formats.images import read_image
 from synth.scenes import two_finger_crossing
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -146,7 +147,7 @@ def test_an_image_folder_with_model_camera_and_start_is_a_sequence(clip, run, tm
 def test_a_video_is_tracked(clip, run, tmp_path):
     import imageio.v3 as iio
 
-    images = np.stack([iio.imread(file) for file in sorted((clip / "frames").iterdir())])
+    images = np.stack([iio.imread(file, mode="RGB") for file in sorted((clip / "frames").iterdir())])
     iio.imwrite(tmp_path / "clip.mp4", images, fps=25, codec="libx264")
     (tmp_path / "start.yaml").write_text(f"start: {json.dumps(json.loads((run / 'run.json').read_text())['start'])}\n")
     command = ["track", str(tmp_path / "clip.mp4"), "--model", "two_finger", "--camera", str(clip / "sequence.yaml")]
@@ -342,3 +343,42 @@ def test_bench_compares_each_kernel_with_its_plain_twin(monkeypatch, capsys):
     assert len(json.loads(capsys.readouterr().out)) == len(measured)
     assert main(["bench"]) == 0
     assert "NumPy twin" in capsys.readouterr().out
+
+
+def test_a_rendered_sequence_can_be_tracked_and_has_its_truth(tmp_path, capsys):
+    command = ["render", "--frames", "3", "--seed", "4", "--noise", "1", "--vignette", "0.1"]
+    for name in ("a", "b"):
+        assert main([*command, "--out", str(tmp_path / name)]) == 0
+    files = [file.relative_to(tmp_path / "a") for file in sorted((tmp_path / "a").rglob("*")) if file.is_file()]
+    assert [file.name for file in files[:2]] == ["000000.png", "000001.png"]
+    assert all((tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes() for file in files)
+    assert main(["track", str(tmp_path / "a"), "--out", str(tmp_path / "run")]) == 0
+    assert main(["evaluate", str(tmp_path / "run"), "--json"]) == 0
+    assert '"compared": 3' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("model", ["full_hand", "index_thumb", "pr"])
+def test_any_model_is_rendered_whole_and_within_its_limits(tmp_path, model):
+    from handtrack.sequences import open_sequence
+
+    command = ["render", "--scene", "random", "--model", model, "--frames", "3", "--colour", "--mode", "flat"]
+    assert main([*command, "--out", str(tmp_path / "clip")]) == 0
+    sequence = open_sequence(tmp_path / "clip")
+    assert sequence.truth is not None
+    low, high = sequence.model.limits.T
+    assert ((sequence.truth.q >= low - 1e-9) & (sequence.truth.q <= high + 1e-9)).all()
+    for image in sequence.frames:
+        border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+        assert image.max() > 40.0 > border.max()
+
+
+def test_a_background_of_another_size_is_bad_input(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "wall.png"), np.full((48, 64), 90, np.uint8))
+    command = ["render", "--frames", "1", "--out", str(tmp_path / "clip"), "--background"]
+    assert main([*command, str(tmp_path / "wall.png")]) == 2
+    assert "640 x 480 was wanted" in only_error(capsys)
+    cv2.imwrite(str(tmp_path / "wall.png"), np.full((480, 640), 90, np.uint8))
+    assert main([*command, str(tmp_path / "wall.png")]) == 0
+    assert abs(read_image(tmp_path / "clip" / "frames" / "000000.png")[0, 0] - 90.0) < 12.0
+    assert main(["render", "--out", str(tmp_path / "other"), "--scene", "random"]) == 2
+    assert "--model" in capsys.readouterr().err.splitlines()[-1]

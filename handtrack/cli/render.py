@@ -5,10 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from ..errors import InputError
 from .console import progress, say
 
-SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random"]
+SceneName = Literal["two-finger-crossing", "two-finger-hard", "random"]
 
 
 def render(
@@ -30,10 +29,9 @@ def render(
     colour: Annotated[bool, typer.Option("--colour", help="Colour instead of grey.")] = False,
 ) -> None:
     """Render a sequence: images, model, camera, start pose and true joint values."""
-    if (model is None) == (scene == "random"):
-        raise InputError("--model: goes with --scene random, and that scene needs one")
-    from .rendering import build, write_scene
+    from .rendering import build, dressed, write_scene
 
+    made = dressed(build(scene, model, seed, frames), noise, vignette, background, mode, colour)
     with progress("rendering", frames) as done:
-        write_scene(out, build(scene, model, seed, frames, noise, vignette, background, mode, colour), done)
+        write_scene(out, made, done)
     say(str(out / "sequence.yaml"))
