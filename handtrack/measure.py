@@ -96,7 +96,7 @@ def _predicted_spread(
     return np.sqrt(np.maximum(((J @ covariance) * J).sum(axis=1), 0.0))
 
 
-def visible_share(pills: Pills, samplers: Samplers, edges: EdgePoints, links: int) -> Float[np.ndarray, " l"]:
+def visible_share(samplers: Samplers, edges: EdgePoints, links: int) -> Float[np.ndarray, " l"]:
     """Share of each link's outline, joints with its neighbours apart, that no other finger hides."""
     free = edges.reason != JOINT
     hidden = np.bincount(samplers.link[free & (edges.reason == HIDDEN)], minlength=links)

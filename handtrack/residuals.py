@@ -29,7 +29,7 @@ class OutlineFeatures:
 
     Attributes
     ----------
-    ray, ray_slope : (n, 6)
+    ray, slope : (n, 6)
         Origin and direction, in camera axes, of the ray through each point, and their change for one pixel outwards.
     link : (n,)
         Link whose silhouette the point lies on.
@@ -38,7 +38,7 @@ class OutlineFeatures:
     """
 
     ray: Float[np.ndarray, "n 6"]
-    ray_slope: Float[np.ndarray, "n 6"]
+    slope: Float[np.ndarray, "n 6"]
     link: Int[np.ndarray, " n"]
     sigma: Float[np.ndarray, " n"]
 
@@ -111,7 +111,7 @@ def outline_residuals(
     J = np.empty((features.link.size, len(model.joint_names)))
     _kernels.outline_rows(
         features.ray,
-        features.ray_slope,
+        features.slope,
         features.link,
         features.sigma,
         frames,
@@ -138,7 +138,7 @@ def outline_residuals_numpy(
     base, tip = link_ends(model, frames)
     pills = Pills(camera_from_world(camera, base), camera_from_world(camera, tip), model.link_radius)
     seen = clearance(pills, features.link, features.ray[:, :3], features.ray[:, 3:])
-    spread = features.ray_slope[:, :3] + seen.depth[:, None] * features.ray_slope[:, 3:]
+    spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
     per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
     point = base[features.link] + seen.along[:, None] * (tip - base)[features.link]
     moved = point_jacobian(model, frames, model.link_frame[features.link], point)

@@ -51,7 +51,7 @@ def shape_jacobian(
         pills = Pills(camera_from_world(on.camera, base), camera_from_world(on.camera, tip), on.model.link_radius)
         link = features.link
         seen = clearance(pills, link, features.ray[:, :3], features.ray[:, 3:])
-        spread = features.ray_slope[:, :3] + seen.depth[:, None] * features.ray_slope[:, 3:]
+        spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
         per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
         scale = -1.0 / (per_pixel * features.sigma)
         moved = (seen.normal @ on.camera.R) @ axis.T

@@ -19,10 +19,13 @@ from handtrack.profiles import (
     contact_normals,
     place_across,
     place_outline,
+    place_outline_numpy,
     place_tips,
     sample,
     sample_numpy,
+    sample_points,
     uniform_spread,
+    with_rays,
 )
 
 EYE, ZERO = np.eye(3), np.zeros(3)
@@ -48,7 +51,8 @@ def random_pills(seed: int, n: int = 10) -> Pills:
 
 def paths(origin: np.ndarray, direction: np.ndarray) -> Samplers:
     zero = np.zeros(len(origin), dtype=int)
-    return Samplers(origin, direction, zero, zero * 1.0, zero, zero, np.zeros((len(origin), 3)))
+    camera = CAMERAS["orthographic"]
+    return with_rays(camera, origin, direction, zero, zero * 1.0, zero, zero, np.zeros((len(origin), 3)))
 
 
 def row(x: float, y: float, angle: float = 0.0) -> Samplers:
@@ -95,6 +99,29 @@ def test_direction_is_the_normal_of_the_silhouette_in_the_image(kind):
         axis=1,
     )
     np.testing.assert_allclose(slope / np.linalg.norm(slope, axis=1, keepdims=True), samplers.direction, atol=1e-6)
+
+
+@cameras
+@pytest.mark.parametrize("seed", range(4))
+def test_kernel_and_numpy_twin_place_the_same_samplers(camera, seed):
+    pills = random_pills(seed)
+    pills.radius[0] = (45.0, 6.0)  # its base hides its tip: no sides
+    tips = np.arange(10) % 2 == 0
+    kernel, twin = (place(pills, camera, tips) for place in (place_outline, place_outline_numpy))
+    for name in ("link", "side", "kind"):
+        np.testing.assert_array_equal(getattr(kernel, name), getattr(twin, name))
+    for name in ("origin", "direction", "along", "contact", "ray", "slope"):
+        np.testing.assert_allclose(getattr(kernel, name), getattr(twin, name), atol=1e-9)
+
+
+@cameras
+def test_rays_of_samplers_see_their_origin_and_what_lies_a_pixel_on(camera):
+    samplers = place_outline(random_pills(3), camera, np.ones(10, dtype=bool))
+    np.testing.assert_allclose(samplers.ray, np.hstack(rays(camera, samplers.origin)), atol=1e-12)
+    for u in (-6.0, 1.0, 6.0):
+        ahead = np.hstack(rays(camera, samplers.origin + u * samplers.direction))
+        bend = 0.0 if camera.kind == "orthographic" or not camera.distortion.any() else 2e-5
+        np.testing.assert_allclose(samplers.ray + u * samplers.slope, ahead, atol=1e-12 + bend)
 
 
 @cameras
@@ -259,6 +286,16 @@ def test_beyond_the_outermost_pixel_centres_nothing_is_inside(method):
     assert sample(image, row(3.0, 4.01), np.zeros(1), method).inside.tolist() == [[False]]
     assert sample(image, row(3.0, 4.0), np.zeros(1), method).values.tolist() == [[100.0]]
     assert sample(image, row(-50.0, 2.0), u, method).values[0, 0] == 0.0, "no border pixel is repeated"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_single_points_are_sampled_like_paths(method):
+    rng = np.random.default_rng(3)
+    image, xy = rng.uniform(0, 255, (9, 12)), rng.uniform(-2, 13, (80, 2))
+    values, inside = sample_points(image, xy, method)
+    on_paths = sample(image, paths(xy, np.tile([1.0, 0.0], (80, 1))), np.zeros(1), method)
+    np.testing.assert_array_equal(values, on_paths.values[:, 0])
+    np.testing.assert_array_equal(inside, on_paths.inside[:, 0])
 
 
 def test_a_silhouette_sampler_sees_the_pill_on_its_inner_half_only():

@@ -12,7 +12,7 @@ from handtrack.camera import Camera, orthographic, perspective, rays
 from handtrack.kinematics import forward
 from handtrack.kinematics.builtin import model as builtin_model
 from handtrack.pills import Pills, pose_pills, ray_hits
-from handtrack.profiles import SIDE, Samplers, place_outline, sample
+from handtrack.profiles import SIDE, Samplers, place_outline, sample, with_rays
 from handtrack.templates import EXPECTED, HIDDEN, JOINT, MARGIN, Templates, expect, expect_numpy, positions
 from synth.render import render
 from synth.scenes import Scene, clean_image, posed, two_finger_crossing
@@ -231,7 +231,7 @@ def test_positions_put_the_edge_between_two_samples(inwards, outwards, step):
 
 def test_no_samplers_give_no_templates():
     pills = Pills(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)))
-    none = Samplers(np.zeros((0, 2)), np.zeros((0, 2)), *([np.zeros(0, dtype=int)] * 1), np.zeros(0), *([np.zeros(0, dtype=int)] * 2), np.zeros((0, 3)))  # fmt: skip
-    camera = orthographic(20, 20, 1.0, 10.0, 10.0, EYE, ZERO)
-    found = expect(none, pills, np.zeros(0, dtype=int), camera, plain(0))
+    camera, none = orthographic(20, 20, 1.0, 10.0, 10.0, EYE, ZERO), np.zeros(0, dtype=int)
+    samplers = with_rays(camera, np.zeros((0, 2)), np.zeros((0, 2)), none, np.zeros(0), none, none, np.zeros((0, 3)))
+    found = expect(samplers, pills, none, camera, plain(0))
     assert found.values.shape == (0, 36) and found.state.size == 0

@@ -1,0 +1,130 @@
+"""Compiled Levenberg-Marquardt for the tracker's inner loop: robust, whitened outline residuals with a prior."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .geometry import forward
+from .residuals import outline_rows, soften_rows, whiten_rows
+
+
+@njit(cache=True)
+def cholesky_solve(A, g, active, x):  # pragma: no cover - compiled
+    """Solve A x = -g over the active variables, 0 for the others; False if A is not positive definite there."""
+    k = g.shape[0]
+    L = np.zeros((k, k))
+    for i in range(k):
+        x[i] = 0.0
+        if not active[i]:
+            continue
+        for j in range(i + 1):
+            if not active[j]:
+                continue
+            total = A[i, j]
+            for m in range(j):
+                total -= L[i, m] * L[j, m]
+            if i == j:
+                if total <= 0.0:
+                    return False
+                L[i, i] = math.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    for i in range(k):
+        if active[i]:
+            total = -g[i]
+            for m in range(i):
+                total -= L[i, m] * x[m]
+            x[i] = total / L[i, i]
+    for i in range(k - 1, -1, -1):
+        if active[i]:
+            total = x[i]
+            for m in range(i + 1, k):
+                total -= L[m, i] * x[m]
+            x[i] = total / L[i, i]
+    return True
+
+
+@njit(cache=True)
+def normal_equations(
+    u, edges, tree, view, coupling, plain, white, spread, mean, root, A, g
+):  # pragma: no cover - compiled
+    """Cost, gradient g and Gauss-Newton matrix A at u; the tuples hold what `residuals.outline_residuals` and so on take."""
+    ray, slope, link, sigma = edges
+    parent, prefix, joint, prismatic, link_frame, length, radius, moves, joint_frame = tree
+    R, t = view
+    v, share, group, s = white
+    q = coupling[0] @ u + coupling[1]
+    frames = forward(parent, prefix, joint, prismatic, q.reshape(1, -1))[0]
+    n, k = link.shape[0], u.shape[0]
+    r, J_all = np.empty(n), np.empty((n, q.shape[0]))
+    outline_rows(ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J_all)
+    J = J_all if plain else J_all @ coupling[0]
+    whiten_rows(r, J, v, share, group, s)
+    soften_rows(r, J, spread)
+    cost = 0.0
+    for a in range(k):
+        g[a] = 0.0
+        for b in range(k):
+            A[a, b] = 0.0
+    for i in range(n):
+        cost += 0.5 * r[i] * r[i]
+        for a in range(k):
+            g[a] += J[i, a] * r[i]
+            for b in range(a + 1):
+                A[a, b] += J[i, a] * J[i, b]
+    for i in range(k):
+        p = 0.0
+        for a in range(k):
+            p += root[i, a] * (u[a] - mean[a])
+        cost += 0.5 * p * p
+        for a in range(k):
+            g[a] += root[i, a] * p
+            for b in range(a + 1):
+                A[a, b] += root[i, a] * root[i, b]
+    for a in range(k):
+        for b in range(a):
+            A[b, a] = A[a, b]
+    return cost
+
+
+@njit(cache=True)
+def fit_outline(
+    u0, edges, tree, view, coupling, plain, white, spread, mean, root, low, high, most, tolerance
+):  # pragma: no cover - compiled
+    """Minimise the robust cost from u0 within bounds: (u, steps); twin: `solve.solve` on the same residuals."""
+    k = u0.shape[0]
+    u = np.minimum(np.maximum(u0, low), high)
+    A, g, A2, g2 = np.empty((k, k)), np.empty(k), np.empty((k, k)), np.empty(k)
+    damped, h, active = np.empty((k, k)), np.empty(k), np.empty(k, np.bool_)
+    cost = normal_equations(u, edges, tree, view, coupling, plain, white, spread, mean, root, A, g)
+    mu, grow = 1e-4, 2.0
+    for step in range(most):
+        for a in range(k):
+            active[a] = not ((u[a] <= low[a] and g[a] > 0.0) or (u[a] >= high[a] and g[a] < 0.0))
+            for b in range(k):
+                damped[a, b] = A[a, b]
+            damped[a, a] += mu * A[a, a]
+        if not cholesky_solve(damped, g, active, h):
+            mu, grow = max(mu, 1e-8) * grow, 2.0 * grow
+            continue
+        trial = np.minimum(np.maximum(u + h, low), high)
+        predicted, largest = 0.0, 0.0
+        for a in range(k):
+            h[a] = trial[a] - u[a]
+            largest = max(largest, abs(h[a]))
+        for a in range(k):
+            predicted -= h[a] * g[a]
+            for b in range(k):
+                predicted -= 0.5 * h[a] * A[a, b] * h[b]
+        if largest < tolerance:
+            return trial, step
+        following = normal_equations(trial, edges, tree, view, coupling, plain, white, spread, mean, root, A2, g2)
+        gain = (cost - following) / predicted if predicted > 0.0 else -1.0
+        if gain > 0.0:
+            u, cost = trial, following
+            A[:, :], g[:] = A2, g2
+            mu, grow = mu * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 2.0
+        else:
+            mu, grow = mu * grow, 2.0 * grow
+    return u, most
