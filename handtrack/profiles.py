@@ -8,6 +8,7 @@ silhouette: unit vectors n for which the plane (perspective: through the camera 
 """
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from .pills import Pills
 
 SIDE, CAP = 0, 1
 Interpolation = Literal["nearest", "bilinear", "bicubic"]
+_FAN = tuple(np.radians([-60.0, -30.0, 0.0, 30.0, 60.0]).tolist())
 _ORDER = {"nearest": 0, "bilinear": 1, "bicubic": 3}
 
 
@@ -188,14 +190,23 @@ def _outline_places(
     ends = project_camera(camera, np.stack([pills.base, pills.tip]))
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
     count = np.clip(np.nan_to_num(length) / spacing, 2, most).astype(int)
-    link_one = np.repeat(np.arange(count.size), count)
+    angles = _FAN if fan is None else tuple(fan.tolist())
+    return _laid_out(tuple(count.tolist()), tuple(np.flatnonzero(tips).tolist()), angles)
+
+
+@lru_cache(maxsize=256)
+def _laid_out(
+    count: tuple[int, ...], tips: tuple[int, ...], fan: tuple[float, ...]
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    link_one = np.repeat(np.arange(len(count)), count)
     along_one = np.concatenate([uniform_spread(c) for c in count])
-    fan = np.radians([-60.0, -30.0, 0.0, 30.0, 60.0]) if fan is None else fan
-    tip_links = np.repeat(np.flatnonzero(tips), fan.size)
+    tip_links = np.repeat(np.array(tips, dtype=int), len(fan))
     link = np.concatenate([link_one, link_one, tip_links])
     along = np.concatenate([along_one, along_one, np.ones(tip_links.size)])
     side = np.repeat(np.array([1, -1, 0]), [link_one.size, link_one.size, tip_links.size])
-    angle = np.concatenate([np.zeros(2 * link_one.size), np.tile(fan, int(tips.sum()))])
+    angle = np.concatenate([np.zeros(2 * link_one.size), np.tile(fan, len(tips))])
+    for shared in (link, along, side, angle):
+        shared.setflags(write=False)
     return link, along, side, angle
 
 

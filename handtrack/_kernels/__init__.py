@@ -18,3 +18,4 @@ from .residuals import soften_rows as soften_rows
 from .residuals import whiten_rows as whiten_rows
 from .placing import place_outline as place_outline
 from .fitting import fit_outline as fit_outline
+from .edges import search_valleys as search_valleys

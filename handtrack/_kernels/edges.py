@@ -18,6 +18,61 @@ def spline_overlap(d):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
+def invert(A, out):  # pragma: no cover - compiled
+    """Inverse of a small positive definite matrix by Gauss-Jordan elimination, A is used up; twin: `np.linalg.inv`."""
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 1.0 if i == j else 0.0
+    for i in range(n):
+        pivot = 1.0 / A[i, i]
+        for j in range(n):
+            A[i, j] *= pivot
+            out[i, j] *= pivot
+        for k in range(n):
+            if k != i:
+                factor = A[k, i]
+                for j in range(n):
+                    A[k, j] -= factor * A[i, j]
+                    out[k, j] -= factor * out[i, j]
+
+
+@njit(cache=True)
+def search_valleys(
+    image, inside, template, visible, shift, reach, predicted, scale2, samples, best, lowest, rise, used
+):  # pragma: no cover - compiled
+    """Shift of each profile's weighed WSSD minimum within reach; twin: `edges.wssd.search_numpy`.
+
+    The cost of shift k is its WSSD over `scale2`, counted for at most `samples` samples, plus its square over the
+    predicted variance.
+    """
+    m = template.shape[1]
+    for i in range(image.shape[0]):
+        wanted, top, low = 0, -math.inf, math.inf
+        for j in range(m):
+            if visible[i, j]:
+                wanted += 1
+                top, low = max(top, template[i, j]), min(low, template[i, j])
+        used[i], rise[i] = wanted, top - low if top > low else 0.0
+        best[i], lowest[i] = 0, math.inf
+        weight = min(max(wanted, 1), samples) / scale2
+        for k in range(shift.shape[0]):
+            if abs(shift[k]) > reach[i] + 1e-9:
+                continue
+            total, count = 0.0, 0
+            for j in range(m):
+                if visible[i, j] and inside[i, j + k]:
+                    d = image[i, j + k] - template[i, j]
+                    total += d * d
+                    count += 1
+            if 2 * count < wanted or count == 0:
+                continue
+            cost = total / count * weight + (shift[k] / predicted[i]) ** 2
+            if cost < lowest[i]:
+                best[i], lowest[i] = k, cost
+
+
+@njit(cache=True)
 def wssd(image, inside, template, visible, curves, counts):  # pragma: no cover - compiled
     """Sums of squared differences of windowed templates, moved along longer profiles; twin: `edges.wssd.curves_numpy`.
 
@@ -53,7 +108,8 @@ def refine_shift(
     lags = int(math.ceil(2.0 * math.sqrt(2.0) / step))
     m, n = template.shape[1], 5
     design, r, weight = np.zeros((n, m)), np.zeros(m), np.zeros(m)
-    normal, right, first = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    normal, inverse, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    solution, row = np.zeros(n), np.zeros(n)
     for i in range(image.shape[0]):
         used = 0
         for j in range(m):
@@ -83,10 +139,12 @@ def refine_shift(
                     total += design[a, j] * design[b, j]
                 normal[a, b] = normal[b, a] = total
             normal[a, a] += ridge[i, a] + 1e-9 * gg
-        first[:] = 0.0
-        first[0] = 1.0
-        solution = np.linalg.solve(normal, right)
-        row = np.linalg.solve(normal, first)
+        invert(normal, inverse)
+        for a in range(n):
+            solution[a] = 0.0
+            row[a] = inverse[0, a]
+            for b in range(n):
+                solution[a] += inverse[a, b] * right[b]
         left = 0.0
         for j in range(m):
             weight[j] = 0.0

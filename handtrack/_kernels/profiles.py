@@ -64,6 +64,36 @@ def shade(c, gain, x, y, z):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
+def near_pills(ray, slope, half, middle, base, tip, radius, chosen):  # pragma: no cover - compiled
+    """Numbers of the pills that a sampler of half length `half` pixels about u = middle may cross, and how many."""
+    count = 0
+    ox, oy, oz = ray[0] + middle * slope[0], ray[1] + middle * slope[1], ray[2] + middle * slope[2]
+    dx, dy, dz = ray[3] + middle * slope[3], ray[4] + middle * slope[4], ray[5] + middle * slope[5]
+    dd = dx * dx + dy * dy + dz * dz
+    across = math.sqrt(slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2)
+    turning = math.sqrt(slope[3] ** 2 + slope[4] ** 2 + slope[5] ** 2)
+    for k in range(base.shape[0]):
+        ax, ay, az = tip[k, 0] - base[k, 0], tip[k, 1] - base[k, 1], tip[k, 2] - base[k, 2]
+        mx, my, mz = ox - base[k, 0], oy - base[k, 1], oz - base[k, 2]
+        widest = max(radius[k, 0], radius[k, 1])
+        farthest = max(abs(base[k, 2]), abs(tip[k, 2])) + widest
+        room = widest + half * (across + farthest * turning)
+        ux, uy, uz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+        apart = mx * ux + my * uy + mz * uz
+        # A line through the axis' far end only: the axis seen end on has no cross product, and stays in.
+        if apart * apart > room * room * (ux * ux + uy * uy + uz * uz) and ux * ux + uy * uy + uz * uz > 1e-12 * dd:
+            continue
+        hx, hy, hz = mx - 0.5 * ax, my - 0.5 * ay, mz - 0.5 * az
+        hd = hx * dx + hy * dy + hz * dz
+        reach = 0.5 * math.sqrt(ax * ax + ay * ay + az * az) + room
+        if (hx * hx + hy * hy + hz * hz - reach * reach) * dd > hd * hd:
+            continue
+        chosen[count] = k
+        count += 1
+    return count
+
+
+@njit(cache=True)
 def expect_profiles(
     ray0,
     ray1,
@@ -93,18 +123,24 @@ def expect_profiles(
     m, reach = u.shape[0], blur.shape[0] // 2
     mid = np.searchsorted(u, 0.0)
     raw, depth, group, facing = np.empty(m), np.empty(m), np.empty(m, np.int64), np.empty(m)
+    chosen = np.empty(base.shape[0], np.int64)
+    half, middle = 0.5 * (u[m - 1] - u[0]), 0.5 * (u[m - 1] + u[0])
     for i in range(link.shape[0]):
         own = finger[link[i]]
+        count = near_pills(ray0[i], ray1[i], half, middle, base, tip, radius, chosen)
         for j in range(m):
             ox, oy, oz = ray0[i, 0] + u[j] * ray1[i, 0], ray0[i, 1] + u[j] * ray1[i, 1], ray0[i, 2] + u[j] * ray1[i, 2]
             dx, dy, dz = ray0[i, 3] + u[j] * ray1[i, 3], ray0[i, 4] + u[j] * ray1[i, 4], ray0[i, 5] + u[j] * ray1[i, 5]
             depth[j], group[j], raw[j], facing[j] = math.inf, -1, background, 0.0
-            for k in range(base.shape[0]):
-                t, nx, ny, nz = hit_pill(ox, oy, oz, dx, dy, dz, base, tip, radius, k)
+            hit, x, y, z = -1, 0.0, 0.0, 0.0
+            for c in range(count):
+                t, nx, ny, nz = hit_pill(ox, oy, oz, dx, dy, dz, base, tip, radius, chosen[c])
                 if t < depth[j]:
-                    depth[j], group[j] = t, finger[k]
-                    raw[j] = shade(coefficients, gain[k], nx, ny, nz)
-                    facing[j] = -(nx * dx + ny * dy + nz * dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
+                    depth[j], hit, x, y, z = t, chosen[c], nx, ny, nz
+            if hit >= 0:
+                group[j] = finger[hit]
+                raw[j] = shade(coefficients, gain[hit], x, y, z)
+                facing[j] = -(x * dx + y * dy + z * dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
         inner, outer = mid - 2, mid + 1
         state[i] = 0
         if group[inner] != own or (group[outer] >= 0 and group[outer] != own and depth[outer] < depth[inner]):

@@ -18,6 +18,7 @@ from .points import BORDER, FLAT, FOUND, HIDDEN, JOINT, MISFIT, OUTSIDE, EdgePoi
 
 _LEAST_SAMPLES = 6  # a window shorter than 3 px cannot tell an edge
 _MOST_MISFIT = 0.15  # of the squared contrast: more is another object
+_SAMPLES = 8  # most samples that a profile counts for
 _FORGIVEN = 0.1  # of the contrast: how far the rendered grey levels may be off
 _RIDGE_SHAPE = np.array([0.0, 1.0, 1.0, 1.0, 4.0])
 _INTERPOLATION_FLOOR = 0.02  # pixels: what interpolation and the blur's shape leave when noise is absent
@@ -117,6 +118,63 @@ def _spline(d: Float[np.ndarray, "n m m"]) -> Float[np.ndarray, "n m m"]:
     return np.where(d < 1.0, 2.0 / 3.0 - d * d * (1.0 - 0.5 * d), np.where(d < 2.0, (2.0 - d) ** 3 / 6.0, 0.0))
 
 
+def search(
+    image: Profiles, templates: Templates, reach: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], scale2: float
+) -> tuple[
+    Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " k"]
+]:
+    """The best shift of every profile: its index, cost, the template's contrast, its visible samples; and all shifts.
+
+    Grey levels off the template by their spread are common to a whole profile, so a profile counts as a few samples only;
+    a far valley must be better by as much as the prediction makes it unlikely.
+    """
+    n, m = templates.values.shape
+    shift = _shifts(image, templates)
+    best, used = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    lowest, rise = np.empty(n), np.empty(n)
+    _kernels.search_valleys(
+        image.values,
+        image.inside,
+        templates.values,
+        templates.visible,
+        shift,
+        reach,
+        predicted,
+        scale2,
+        _SAMPLES,
+        best,
+        lowest,
+        rise,
+        used,
+    )
+    return best, lowest, rise, used, shift
+
+
+def search_numpy(
+    image: Profiles, templates: Templates, reach: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], scale2: float
+) -> tuple[
+    Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " k"]
+]:
+    """The same as `search` in plain NumPy: the twin of the compiled kernel."""
+    shift = _shifts(image, templates)
+    used = templates.visible.sum(axis=1)
+    weight = np.clip(used, 1, _SAMPLES)[:, None] / scale2
+    cost = curves_numpy(image, templates) * weight + (shift / predicted[:, None]) ** 2
+    cost = np.where(np.abs(shift) <= reach[:, None] + 1e-9, cost, np.inf)
+    best = np.where(np.isfinite(cost).any(axis=1), np.argmin(cost, axis=1), 0)
+    top = np.where(templates.visible, templates.values, -np.inf).max(axis=1)
+    low = np.where(templates.visible, templates.values, np.inf).min(axis=1)
+    rise = np.where(top > low, top - low, 0.0)
+    return best, np.min(cost, axis=1), rise, used, shift
+
+
+def _shifts(image: Profiles, templates: Templates) -> Float[np.ndarray, " k"]:
+    """Shifts in pixels: the profile's samples k to k + m stand for shift k, and shift 0 is where both start alike."""
+    step = float(templates.u[1] - templates.u[0])
+    middle = round(float(templates.u[0] - image.u[0]) / step)
+    return (np.arange(image.values.shape[1] - templates.values.shape[1] + 1) - middle) * step
+
+
 def find_edges(
     samplers: Samplers,
     templates: Templates,
@@ -140,24 +198,11 @@ def find_edges(
         Standard deviation of the pixels' noise, and of grey levels about the template.
     """
     step = float(templates.u[1] - templates.u[0])
-    surface = curves(image, templates)
-    # The profile at u[k:k + m] is the template's place for shift k, so a shift of zero is where both start alike.
-    middle = int(round((float(templates.u[0]) - float(image.u[0])) / step))
-    shift = (np.arange(surface.shape[1]) - middle) * step
-    allowed = np.abs(shift) <= reach[:, None] + 1e-9
-    used = np.maximum(templates.visible.sum(axis=1), 1)
-    # Grey levels off the template by `spread` are common to a whole profile, so a profile counts as a few samples only.
-    weighed = surface * np.minimum(used, 8)[:, None] / max(spread, noise) ** 2 + (shift / predicted[:, None]) ** 2
-    weighed = np.where(allowed, weighed, np.inf)
-    best = np.argmin(weighed, axis=1)
-    row = np.arange(best.size)
-    lowest = weighed[row, best]
-    rise = _contrast(templates)
+    best, lowest, rise, used, shift = search(image, templates, reach, predicted, max(spread, noise) ** 2)
     tolerance = np.maximum(_FORGIVEN * rise, noise)
     ridge = (noise / tolerance)[:, None] ** 2 * _RIDGE_SHAPE
     fine, variance, left = refine(image, templates, best, samplers, step, ridge)
-    fine = np.clip(fine, -step, step)
-    offset = shift[best] + fine
+    offset = shift[best] + np.clip(fine, -step, step)
     misfit = left / noise**2
     sigma = np.sqrt(variance * noise**2 * np.maximum(1.0, misfit / 4.0) + _INTERPOLATION_FLOOR**2)
     at_end = np.abs(shift[best]) > reach - 0.5 * step
@@ -166,13 +211,6 @@ def find_edges(
     sigma = np.where(found, sigma, np.inf)
     offset = np.where(found, offset, 0.0)
     return EdgePoints(samplers.origin + offset[:, None] * samplers.direction, offset, sigma, reason, misfit)
-
-
-def _contrast(templates: Templates) -> Float[np.ndarray, " n"]:
-    """Difference of the grey levels that a window holds."""
-    top = np.where(templates.visible, templates.values, -np.inf).max(axis=1)
-    low = np.where(templates.visible, templates.values, np.inf).min(axis=1)
-    return np.where(top > low, top - low, 0.0)
 
 
 def _reasons(
