@@ -21,6 +21,7 @@ from .smooth import KalmanState
 
 _REST, _REST_AT_ONCE = 0.08, 0.25  # largest motion of an edge, in pixels, at which the frame is done; after the first look
 _MOST_BORDER, _WIDEST = 0.06, 8.0  # share of edges at the end of their search range that asks for a wider one
+_CLOSE = 1.0  # motion of the edges, in pixels, within which templates need not be rendered again
 _LEAST_ROWS = 3
 
 
@@ -88,9 +89,10 @@ def estimate(
     root = np.linalg.cholesky(prior_information).T
     u, search = start, prior
     scatter = known.consistency.scatter
-    done = None
+    done, moved = None, np.inf
     for number in range(passes):
-        seen = _look(image, known, u, search, widen)
+        near = done is not None and moved < _CLOSE
+        seen = _look(image, known, u, search, widen, done[0] if near else None)
         evidence = rows(known.on, seen.features, seen.samplers.side[seen.found])
         if evidence.sigma.size < _LEAST_ROWS:
             search, widen = search * 4.0, min(2.0 * widen, _WIDEST)
@@ -113,8 +115,13 @@ def estimate(
 
 
 def _look(
-    image: Float[np.ndarray, "h w"], known: Known, u: Float[np.ndarray, " k"], search: Float[np.ndarray, "k k"], widen: float
+    image: Float[np.ndarray, "h w"],
+    known: Known,
+    u: Float[np.ndarray, " k"],
+    search: Float[np.ndarray, "k k"],
+    widen: float,
+    before: Look | None,
 ) -> Look:
     if known.settings.residuals == "outline":
-        return look(image, known.on, u, search, known.appearance, known.settings, widen)
+        return look(image, known.on, u, search, known.appearance, known.settings, widen, before)
     return look_lines(image, known.on, u, search, known.appearance, known.settings, known.stored, widen)

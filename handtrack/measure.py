@@ -60,6 +60,7 @@ def look(
     appearance: Appearance,
     settings: Settings,
     widen: float = 1.0,
+    before: Look | None = None,
 ) -> Look:
     """Search the outline's edges around the pose u.
 
@@ -67,6 +68,8 @@ def look(
     ----------
     u, covariance : (k,), (k, k)
         Pose to look from, and how far off it may be; the search reaches three sigmas, times `widen`.
+    before : Look
+        An earlier look from a pose so close that its templates still hold.
     """
     pills = posed(on, u)
     samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing)
@@ -75,7 +78,10 @@ def look(
     farthest = float(reach.max(initial=LEAST_REACH))
     step = 0.5 if farthest <= _COARSE else 1.0
     inwards, outwards = (12.0, 6.0) if step == 0.5 else (14.0, 8.0)
-    templates = expect(samplers, pills, on.model.link_finger, on.camera, appearance, inwards, outwards, step)
+    if before is not None and _same_places(before, samplers, step):
+        templates = before.templates
+    else:
+        templates = expect(samplers, pills, on.model.link_finger, on.camera, appearance, inwards, outwards, step)
     margin = np.ceil(farthest / step) * step
     profiles = sample(image, samplers, positions(inwards + margin, outwards + margin, step), settings.interpolation)
     edges = find_edges(samplers, templates, profiles, reach, widen * spread + 0.5, appearance.noise, appearance.spread)
@@ -85,6 +91,12 @@ def look(
     ray = samplers.ray[found] + edges.offset[found, None] * slope
     features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])
     return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
+
+
+def _same_places(before: Look, samplers: Samplers, step: float) -> bool:
+    """Whether an earlier look's templates are for the same samplers."""
+    same = before.samplers.link.size == samplers.link.size and np.array_equal(before.samplers.along, samplers.along)
+    return bool(same and abs(before.templates.u[1] - before.templates.u[0] - step) < 1e-9)
 
 
 def _predicted_spread(

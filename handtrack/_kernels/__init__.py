@@ -19,3 +19,4 @@ from .residuals import whiten_rows as whiten_rows
 from .placing import place_outline as place_outline
 from .fitting import fit_outline as fit_outline
 from .edges import search_valleys as search_valleys
+from .profiles import fill_harmonics as fill_harmonics

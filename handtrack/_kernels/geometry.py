@@ -97,33 +97,44 @@ def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no co
     w = r0 - slope * m_a
     qc = c2 * (mm - m_a * m_a) - w * w
     disc = qb * qb - qa * qc
-    best = math.inf
+    first, second, best = True, True, math.inf
     nx, ny, nz = 0.0, 0.0, 0.0
-    if disc >= 0.0 and qa != 0.0:
-        root = math.sqrt(disc)
+    if qa > 0.0:
+        # The hull lies inside the cone, so the ray enters it through the cone's near side or, beyond an end of that, through
+        # the sphere at that end.
+        if disc < 0.0:
+            return math.inf, 0.0, 0.0, 0.0
+        t = (-qb - math.sqrt(disc)) / qa
+        x = m_a + t * d_a
+        first, second = x < r0 * slope, x > length + r1 * slope
+        if not (first or second):
+            radius = (r0 - slope * x) / c2  # distance from the axis centre whose sphere touches here
+            centre = x - slope * radius
+            nx = (mx + t * dx - centre * ax) / radius
+            ny = (my + t * dy - centre * ay) / radius
+            nz = (mz + t * dz - centre * az) / radius
+            return t + shift, nx, ny, nz
+    elif disc >= 0.0 and qa != 0.0:  # steeper than the cone's side: it may enter through the side or either sphere
         for sign in (-1.0, 1.0):
-            t = (-qb + sign * root) / qa
+            t = (-qb + sign * math.sqrt(disc)) / qa
             x = m_a + t * d_a
             if t < best and r0 * slope <= x <= length + r1 * slope:
                 best = t
-                radius = (r0 - slope * x) / c2  # distance from the axis centre whose sphere touches here
+                radius = (r0 - slope * x) / c2
                 centre = x - slope * radius
                 nx = (mx + t * dx - centre * ax) / radius
                 ny = (my + t * dy - centre * ay) / radius
                 nz = (mz + t * dz - centre * az) / radius
-    # The spheres: any hit of theirs lies inside or on the hull, so the smallest parameter of all is the hull's.
-    t = hit_sphere(mx, my, mz, dx, dy, dz, 0.0, 0.0, 0.0, r0)
-    if t < best:
-        best = t
-        nx, ny, nz = (mx + t * dx) / r0, (my + t * dy) / r0, (mz + t * dz) / r0
-    t = hit_sphere(mx, my, mz, dx, dy, dz, length * ax, length * ay, length * az, r1)
-    if t < best:
-        best = t
-        nx, ny, nz = (
-            (mx + t * dx - length * ax) / r1,
-            (my + t * dy - length * ay) / r1,
-            (mz + t * dz - length * az) / r1,
-        )
+    if first:
+        t = hit_sphere(mx, my, mz, dx, dy, dz, 0.0, 0.0, 0.0, r0)
+        if t < best:
+            best = t
+            nx, ny, nz = (mx + t * dx) / r0, (my + t * dy) / r0, (mz + t * dz) / r0
+    if second:
+        t = hit_sphere(mx, my, mz, dx, dy, dz, length * ax, length * ay, length * az, r1)
+        if t < best:
+            best = t
+            nx, ny, nz = (mx + t * dx - length * ax) / r1, (my + t * dy - length * ay) / r1, (mz + t * dz - length * az) / r1
     return best + shift, nx, ny, nz
 
 

@@ -174,3 +174,19 @@ def expect_profiles(
         if j < m - 1:
             for k in range(max(j - margin, mid + 1) + 1, j + 1):
                 visible[i, k] = False
+
+
+@njit(cache=True)
+def fill_harmonics(normal, out):  # pragma: no cover - compiled
+    """Rows of the shading basis; twin: `appearance.harmonics`."""
+    for i in range(normal.shape[0]):
+        x, y, z = normal[i, 0], normal[i, 1], normal[i, 2]
+        column = 0
+        for degree in range(5):
+            for b in range(degree + 1):
+                out[i, column] = x ** (degree - b) * y**b
+                column += 1
+        for degree in range(4):
+            for b in range(degree + 1):
+                out[i, column] = z * x ** (degree - b) * y**b
+                column += 1

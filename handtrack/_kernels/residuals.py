@@ -11,19 +11,20 @@ def outline_rows(
     ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J
 ):  # pragma: no cover - compiled
     """Clearance residuals of edge rays and their Jacobian rows; twin: `residuals.outline_residuals_numpy`."""
+    o, d, o1, d1 = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    m, axis, n, p = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(link.shape[0]):
         k = link[i]
         f = link_frame[k]
         # The ray in the base frame: all the rest is done there.
-        o, d, o1, d1 = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
         for a in range(3):
+            o[a] = d[a] = o1[a] = d1[a] = 0.0
             for b in range(3):
                 o[a] += R[b, a] * (ray[i, b] - t[b])
                 d[a] += R[b, a] * ray[i, 3 + b]
                 o1[a] += R[b, a] * slope[i, b]
                 d1[a] += R[b, a] * slope[i, 3 + b]
         norm = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        m, axis = np.empty(3), np.empty(3)
         md = ad = 0.0
         for a in range(3):
             m[a] = frames[f, a, 3] - o[a]
@@ -46,7 +47,6 @@ def outline_rows(
         else:
             s = 1.0 if grow > 0 else 0.0
         gap = depth = 0.0
-        n, p = np.empty(3), np.empty(3)
         for a in range(3):
             n[a] = -((m[a] - md * d[a] / norm) + s * (axis[a] - ad * d[a] / norm))
             gap += n[a] * n[a]
