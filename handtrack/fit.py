@@ -16,7 +16,7 @@ from .scatter import Whitened, Whitener
 from .settings import Settings
 from .solve import solve
 
-_STEPS, _TOLERANCE = 8, 1e-6  # radians
+_STEPS, _TOLERANCE = 8, 1e-5  # radians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,13 +64,15 @@ def fit(
     """
     edges = Whitened(evidence.residual, white)
     spread = max(1.0, 1.4826 * median(np.abs(edges(u)[0])))
-    for _ in range(2 if rescale else 1):
+    for again in (rescale, False):
         if isinstance(features, OutlineFeatures) and settings.solver == "levenberg-marquardt":
             u = _compiled(on, features, white, spread, u, mean, root)
         else:
             u = _solved(on, edges, spread, u, mean, root, settings)
         r, J = edges(u)
-        spread = max(1.0, 1.4826 * median(np.abs(r)))
+        before, spread = spread, max(1.0, 1.4826 * median(np.abs(r)))
+        if not again or before < 1.3 * spread:
+            break
     weight = cauchy_weight(r / spread)
     return Fit(u, r, J, weight, spread, (J * weight[:, None]).T @ J / spread**2)
 

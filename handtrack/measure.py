@@ -77,7 +77,7 @@ def look(
     reach = np.clip(widen * (3.0 * spread + 1.0), LEAST_REACH, MOST_REACH)
     farthest = float(reach.max(initial=LEAST_REACH))
     step = 0.5 if farthest <= _COARSE else 1.0
-    inwards, outwards = (12.0, 6.0) if step == 0.5 else (14.0, 8.0)
+    inwards, outwards = (10.0, 5.0) if step == 0.5 else (14.0, 8.0)
     if before is not None and _same_places(before, samplers, step):
         templates = before.templates
     else:

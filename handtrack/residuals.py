@@ -189,12 +189,17 @@ def rows(on: Chain, features: OutlineFeatures | LineFeatures, side: Int[np.ndarr
         For outlines: +1 or -1 for the two sides of a link, 0 for a tip. One side of a link is one group.
     """
     if isinstance(features, OutlineFeatures):
-        key = 3 * features.link + (0 if side is None else side) + 1
-        group = np.unique(key, return_inverse=True)[1]
+        group = _numbered(3 * features.link + (0 if side is None else side) + 1)
         return Rows(lambda u: outline_residuals(on, features, u), features.sigma, group)
     sigma = np.concatenate([np.repeat(features.tip_sigma, 2), features.line_sigma.reshape(-1)])
-    key = np.concatenate([np.repeat(-1 - features.tip_link, 2), np.repeat(features.line_link, 2)])
-    return Rows(lambda u: line_residuals(on, features, u), sigma, np.unique(key, return_inverse=True)[1])
+    key = np.concatenate([np.repeat(2 * features.tip_link + 1, 2), np.repeat(2 * features.line_link, 2)])
+    return Rows(lambda u: line_residuals(on, features, u), sigma, _numbered(key))
+
+
+def _numbered(key: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """The keys that occur, numbered from 0 without gaps."""
+    occurs = np.bincount(key) > 0
+    return (np.cumsum(occurs) - 1)[key]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

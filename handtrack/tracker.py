@@ -23,7 +23,7 @@ from .settings import Settings
 from .track import LOST, TRACKED, UNCERTAIN, Track
 
 _LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found
-_YOUNG = 8  # frames after which the appearance is learnt on every other one
+_YOUNG = 8  # frames after which the appearance is learnt on every third one
 _START_FRAMES, _START_PASSES = 3, 4  # more looks while the velocity is not known
 
 
@@ -136,7 +136,7 @@ def step(
         appearance = learn(image, posed(on, found.u), on.camera, appearance)
         known = Known(on, settings, appearance, state.consistency, state.stored)
         found = estimate(image, known, ahead.motion, found.u, passes, found.widen)
-    if found.information.any() and (state.frames < _YOUNG or state.frames % 2 == 0):
+    if found.information.any() and (state.frames < _YOUNG or state.frames % 3 == 0):
         appearance = learn(image, posed(on, found.u), on.camera, appearance)
     following = correct(ahead, found.u, found.information)
     stored = state.stored

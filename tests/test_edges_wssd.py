@@ -236,7 +236,7 @@ def test_a_far_valley_must_be_better_by_what_the_prediction_says():
     far, near = level(u + 3.0, IMAGE_BLUR), 0.9 * level(u - 0.5, IMAGE_BLUR)  # the near edge matches less well
     image = Profiles(u, np.where(u < -1.2, far, near)[None], np.ones((1, u.size), dtype=bool))
     looks = template(1)
-    looks = replace(looks, visible=np.abs(looks.u[None]) < 1.8)
+    looks = replace(looks, visible=np.abs(looks.u[None]) < 1.6)
     for predicted, offset in ((1e3, -3.0), (0.3, 0.5)):
         found = find_edges(star(1), looks, image, np.full(1, 3.5), np.full(1, predicted), 4.0, 4.0)
         assert found.reason[0] == FOUND and found.offset[0] == pytest.approx(offset, abs=0.1)
