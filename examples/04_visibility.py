@@ -2,18 +2,18 @@
 Visibility: what one finger leaves of another
 =============================================
 
-Two fingers cross in the image. Each link is a pill; its silhouette, less the silhouettes of the links in front of it, is
-its truncated polygon (hand thesis, Figure 4.17). The window function of a link's samplers says which of their samples
-fall inside that polygon (Figure 4.18), so that a hidden sample never enters a comparison of profiles.
+Two fingers cross in the image. Each link is a pill; its silhouette, less the silhouettes of the links in front of it,
+is its truncated polygon (hand thesis, Figure 4.17). The window function of a link's samplers says which of their
+samples fall inside that polygon (Figure 4.18), so that a hidden sample never enters a comparison of profiles.
 
 Run ``python examples/04_visibility.py --out visibility.png`` to keep the picture.
 """
 
 import argparse
 
-import matplotlib
+import matplotlib as mpl
 
-matplotlib.use("Agg")
+mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from shapely.plotting import plot_polygon
@@ -40,8 +40,8 @@ pills = Pills(*(np.concatenate(parts) for parts in zip(near, far, strict=True)))
 fingers = np.array([0, 0, 0, 1, 1, 1])
 
 # %%
-# Truncated polygons. ``pairwise`` compares two links on a ray through their overlap; the thesis's ``mean-depth`` gives the
-# same here, and goes wrong only where a long link leads away from the viewer (Figure 4.16).
+# Truncated polygons. ``pairwise`` compares two links on a ray through their overlap; the thesis's ``mean-depth`` gives
+# the same here, and goes wrong only where a long link leads away from the viewer (Figure 4.16).
 
 layers = truncated_polygons(pills, camera, fingers, order="pairwise")
 for link, share in enumerate(visible_fraction(layers)):

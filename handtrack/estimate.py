@@ -104,7 +104,8 @@ def estimate(
         u, search, done = found.u, 2.0 * covariance, (seen, evidence, white, found, covariance)
         border = (seen.edges.reason == BORDER).sum() > _MOST_BORDER * seen.expected.sum()
         widen = min(2.0 * widen, _WIDEST) if border else widen
-        if not border and moved < (_REST if number else _REST_AT_ONCE):
+        at_once = _REST_AT_ONCE if known.settings.residuals == "outline" else 0.0  # edges of a whole link move together
+        if not border and moved < (_REST if number else at_once):
             break
     if done is None:
         return Estimate(motion.q, prior, np.zeros_like(prior), seen, 0.0, known.consistency, widen)

@@ -68,7 +68,7 @@ def fit_line(points: Float[np.ndarray, "*b n 2"], sigma: Float[np.ndarray, "*b n
     Parameters
     ----------
     points : (*b, n, 2) px, in order along the link. A point that is not finite is left out, so groups may be padded.
-    sigma : (*b, n) px, standard deviation of a point across the line, > 0; a point of infinite or NaN sigma is left out.
+    sigma : (*b, n) px, standard deviation of a point across the line, > 0; one of infinite or NaN sigma is left out.
     tolerance : px, a point at most this far from a pair's line is its inlier (tau of the hand thesis); inf takes all.
 
     Returns

@@ -24,7 +24,8 @@ from .templates import Templates, expect, positions
 
 COUNT = 8  # samplers across each link
 _TOLERANCE = 1.0  # pixels: inliers of a boundary line
-_LEAST_SHARE = 0.3  # of a link visible at a sampler
+_LEAST_SHARE = 0.45  # of a link visible at a sampler
+_FLOOR = 0.12  # pixels: what shading that is slightly off leaves
 _AT = np.array([0.2, 0.8])  # where on a link its axis is held against the line
 
 
@@ -124,7 +125,7 @@ def _centres(
         claimed = np.sqrt(
             np.maximum(valley.height[kept], appearance.noise**2) / (slope2 * step) / wide.share[rows[kept]]
         )
-        sigma[rows[kept]] = np.hypot(claimed, 0.05)
+        sigma[rows[kept]] = np.hypot(claimed, _FLOOR)
     return offset, sigma, reason
 
 
@@ -192,7 +193,7 @@ def _tips(
     ok = edges.reason == FOUND
     centre = edges.xy - radius[:, None] * heading
     across_sigma = np.sqrt(line.covariance[:, 1, 1])
-    return link[ok], centre[ok], np.hypot(edges.sigma, across_sigma)[ok]
+    return link[ok], centre[ok], np.sqrt(edges.sigma**2 + across_sigma**2 + _FLOOR**2)[ok]
 
 
 def _sideways(pills: Pills, link: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:

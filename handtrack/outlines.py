@@ -1,16 +1,16 @@
 """Pills in, their shapes in the image out: rims, silhouettes, hulls, reduced and merged polygons, and meshes.
 
-The rim of a pill is the closed curve on its surface where the lines of sight touch it. It is made of an arc of a circle
-on each of the two end spheres and of two straight segments, where the common tangent planes touch. Seen from the origin,
-sphere i with centre c_i and radius r_i is touched along the cone ``d . c_i / |c_i| = cos(b_i)``, ``sin(b_i) = r_i / |c_i|``,
-and the planes ``n . c1 = r1, n . c2 = r2, |n| = 1`` touch it at the angle f_i about its axis, measured from the direction
-that leads away from the other sphere, with
+The rim of a pill is the closed curve on its surface where the lines of sight touch it: an arc of a circle on each of
+the two end spheres, and two straight segments, where the common tangent planes touch. From the origin, sphere i with
+centre c_i and radius r_i is touched along the cone ``d . c_i / |c_i| = cos(b_i)``, ``sin(b_i) = r_i / |c_i|``, and the
+planes ``n . c1 = r1, n . c2 = r2, |n| = 1`` touch it at the angle f_i about its axis, counted from the direction that
+leads away from the other sphere, with
 
     cos(f_1) = (sin(b_2) - sin(b_1) cos(e)) / (cos(b_1) sin(e)),    e = angle between c1 and c2,
 
-and the indices exchanged for f_2. Parallel lines of sight are the limit ``cos(f_1) = (r2 - r1) / distance of the centres
-in the image``. Where one sphere hides the other, the rim is the circle of the larger one alone. The silhouette is the rim's
-projection, so lens distortion costs nothing but more points on the segments.
+and the indices exchanged for f_2. Parallel lines of sight are the limit ``cos(f_1) = (r2 - r1) / D``, D the distance of
+the centres in the image plane. Where one sphere hides the other, the rim is the circle of the larger one alone. The
+silhouette is the rim's projection, so lens distortion costs nothing but more points on the segments.
 
 Polygons follow appendix C of the hand thesis: convex hull, Douglas-Peucker reduction, merged fingers.
 """
@@ -25,6 +25,8 @@ from scipy.spatial import ConvexHull, QhullError
 from .camera import Camera, project_camera
 from .pills import Pills
 
+IN_LINE = 1e-8  # rad: closer than this two centres stand in line, and rounding decides their cross product
+
 
 def silhouettes(pills: Pills, camera: Camera, n_arc: int = 24) -> Float[np.ndarray, "l m 2"]:
     """Outlines of pills in the image, as polygons whose vertices lie exactly on the silhouette.
@@ -33,8 +35,8 @@ def silhouettes(pills: Pills, camera: Camera, n_arc: int = 24) -> Float[np.ndarr
     ----------
     pills : l pills in camera axes.
     camera : Camera
-    n_arc : points on each of the two end arcs, at least 2. A chord stays within ``r (1 - cos(pi / (2 n_arc - 2)))`` of an
-        arc of radius r: 0.002 r for the default.
+    n_arc : points on each of the two end arcs, at least 2. A chord stays within ``r (1 - cos(pi / (2 n_arc - 2)))`` of
+        an arc of radius r over a half circle: 0.002 r for the default.
 
     Returns
     -------
@@ -57,7 +59,7 @@ def rims(pills: Pills, camera: Camera, n_arc: int = 24) -> Float[np.ndarray, "l 
 
     Parameters
     ----------
-    pills, camera, n_arc : as for `silhouettes`. The straight segments get ``n_arc`` points too where the lens bends them.
+    pills, camera, n_arc : as for `silhouettes`. The segments get ``n_arc`` points too where the lens bends them.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def _parallel_circles(
 ) -> tuple[
     Float[np.ndarray, "l 2 3"], Float[np.ndarray, "l 2 3"], Float[np.ndarray, "l 2 3"], Float[np.ndarray, "l 2"]
 ]:
-    """For lines of sight along z: of both ends, the rim circle's centre, its radii away and sideways, and touch angle."""
+    """For lines of sight along z: both ends' rim circles: centre, radii away and sideways, and touch angle."""
     ends = np.stack([pills.base, pills.tip], axis=1)
     apart = ends[:, 0, :2] - ends[:, 1, :2]
     far = np.hypot(apart[:, 0], apart[:, 1])
@@ -115,7 +117,7 @@ def _cone_circles(
 ]:
     """The same for lines of sight through the origin."""
     ends = np.stack([pills.base, pills.tip], axis=1)
-    front = (ends[..., 2] > pills.radius).all(axis=1)
+    front = np.all(ends[..., 2] > pills.radius, axis=1)
     if not front.all():
         ends = np.where(front[:, None, None], ends, [0.0, 0.0, 2.0])
     size = np.where(front[:, None], pills.radius, 1.0)
@@ -127,10 +129,11 @@ def _cone_circles(
     sin_e = np.sqrt((normal * normal).sum(axis=-1))
     cos_e = (axis[:, 0] * axis[:, 1]).sum(axis=-1)
     half = np.arcsin(sine)
-    hidden = np.abs(half[:, 0] - half[:, 1]) >= np.arctan2(sin_e, cos_e)
-    if not sin_e.all():  # both spheres stand in line: any direction across the axis will do
+    in_line = sin_e < IN_LINE
+    hidden = in_line | (np.abs(half[:, 0] - half[:, 1]) >= np.arctan2(sin_e, cos_e))
+    if in_line.any():  # any direction across the axis will do
         spare = _cross(axis[:, 0], np.where(np.abs(axis[:, 0, :1]) < 0.5, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-        normal = np.where((sin_e > 0)[:, None], normal, spare)
+        normal = np.where(in_line[:, None], spare, normal)
     normal = normal / np.sqrt((normal * normal).sum(axis=-1, keepdims=True))
     safe = np.where(hidden[:, None], 1.0, cosine * sin_e[:, None])
     touch = np.arccos(
@@ -267,8 +270,8 @@ def simplify(polygon: Float[np.ndarray, "m 2"], tolerance: float | None = None) 
     Parameters
     ----------
     polygon : (m, 2), not closed, at least three vertices.
-    tolerance : how far a dropped vertex may lie from the result, same unit; by default the thesis's A / (250 N), A being
-        the perimeter and N the number of vertices.
+    tolerance : how far a dropped vertex may lie from the result, same unit; by default the thesis's A / (250 N), A
+        being the perimeter and N the number of vertices.
 
     Returns
     -------
@@ -317,4 +320,4 @@ def merged_polygon(polygons: Iterable[Float[np.ndarray, "m 2"]]) -> shapely.Geom
     >>> merged_polygon([square, square + 1.0]).area
     7.0
     """
-    return shapely.union_all([shapely.polygons(polygon) for polygon in polygons if np.isfinite(polygon).all()])
+    return shapely.union_all([shapely.Polygon(polygon) for polygon in polygons if np.isfinite(polygon).all()])

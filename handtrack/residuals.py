@@ -167,7 +167,7 @@ def line_residuals(
     sigma = features.line_sigma.reshape(-1)
     r_line = ((line[:, :2] * xy[m:]).sum(axis=1) - line[:, 2]) / sigma
     J_line = (line[:, None, :2] @ J[m:])[:, 0, :] / sigma[:, None]
-    stacked = np.concatenate([J_tip.reshape(-1, J.shape[-1]), J_line])
+    stacked = np.concatenate([J_tip.reshape(2 * m, J.shape[-1]), J_line])
     return np.concatenate([r_tip.reshape(-1), r_line]), stacked @ model.coupling
 
 

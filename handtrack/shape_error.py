@@ -75,7 +75,7 @@ def _line_jacobian(on: Chain, features: LineFeatures, base, axis, share) -> Floa
     own = np.arange(axis.shape[0]) == link[:, None]
     moved = (d_xy @ axis.T) * np.where(own, along[:, None], share[link])[:, None, :]
     m = features.tip_link.size
-    tips = (moved[:m] / features.tip_sigma[:, None, None]).reshape(2 * m, -1)
+    tips = (moved[:m] / features.tip_sigma[:, None, None]).reshape(2 * m, axis.shape[0])
     normal = np.repeat(features.line[:, :2], 2, axis=0)[:, None, :]
     lines = (normal @ moved[m:])[:, 0] / features.line_sigma.reshape(-1, 1)
     return _with_common(np.concatenate([tips, lines]))

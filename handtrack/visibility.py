@@ -4,7 +4,7 @@ Two answers to the same question:
 
 - *Polygons* (hand thesis, 4.3.3): every link's silhouette, less the silhouettes of the links in front of it. The thesis
   orders links by the mean depth of their polygons' vertices, which fails where a long link leads away from the viewer
-  (its Figure 4.16); the order ``pairwise`` compares each two links on a ray through the middle of their overlap instead.
+  (its Figure 4.16); the order ``pairwise`` compares two links on the ray through the middle of their overlap instead.
 - *Rays*: each sample point asks which pill its line of sight meets first. Nothing is ordered, so nothing can be
   ordered wrongly, pills may even pass through each other.
 
@@ -55,8 +55,9 @@ def truncated_polygons(
     pills : l pills in camera axes.
     camera : Camera
     finger : (l,) number of the finger each link belongs to.
-    order : ``mean-depth``, the thesis's order of layers by the mean depth of the polygons' vertices; or ``pairwise``, by
-        the depth of both surfaces in the middle of each overlap, right wherever the two do not pass through each other.
+    order : ``mean-depth``, the thesis's order of layers by the mean depth of the polygons' vertices; or ``pairwise``,
+        by which surface is met first in the middle of each overlap, right wherever the two do not pass through each
+        other.
     same_finger : whether the links of one finger hide each other too; the thesis (Figure 4.17) leaves them whole.
     n_arc : points on each end arc of a silhouette.
 
@@ -143,8 +144,8 @@ def window(
 
     Parameters
     ----------
-    polygon : one geometry for all points, or an array of them whose shape broadcasts against that of the points: of the
-        points (l, s, 2) of l links with s samples, ``layers.truncated[:, None]``; of points (n, 2) with the link of each,
+    polygon : one geometry for all points, or an array of them whose shape broadcasts against that of the points: for
+        (l, s, 2), s samples of l links, ``layers.truncated[:, None]``; for (n, 2) with the link of each,
         ``layers.truncated[link]``.
     xy : (*c, 2) px.
 

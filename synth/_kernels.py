@@ -1,8 +1,9 @@
 """The compiled pixel loops of the renderer; each has a plain NumPy twin, named in its docstring, that a test compares.
 
 A `pinhole` flag stands for the projection: rays leave the origin through (x, y, 1), or run along z through (x, y, 0), where
-(x, y) are the normalised coordinates of a pixel, so that the ray parameter is the depth in both. `pills` is the tuple of axis
-bases, tips and radii; `look` is (mode, coefficients, light, mesh) of `synth.shading`.
+(x, y) are the normalised coordinates of a pixel, so that the ray parameter is the depth in both. A row of `pills` is that of
+`synth.raycast.pill_table`, then the two vectors across the axis and the light of the facets from `synth.facets`. `look` holds
+numbers only, (mode, coefficients, light, counts): counting references to arrays takes longer than a ray.
 """
 
 import math
@@ -72,7 +73,7 @@ def pill_normal(x, y, t, pinhole, pills, k):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def cast_pixels(grid, pinhole, pills, boxes, depth, part, normal):  # pragma: no cover - compiled
+def cast_pixels(grid, pinhole, pills, boxes, depth, part):  # pragma: no cover - compiled
     """First pill at every pixel centre, one box of pixels per pill; twin: `synth.raycast.cast_numpy`."""
     for k in range(boxes.shape[0]):
         for v in range(boxes[k, 2], boxes[k, 3]):
@@ -81,49 +82,55 @@ def cast_pixels(grid, pinhole, pills, boxes, depth, part, normal):  # pragma: no
                 if t < depth[v, u] - TIE:
                     depth[v, u] = t
                     part[v, u] = k
-    for k in range(boxes.shape[0]):
-        for v in range(boxes[k, 2], boxes[k, 3]):
-            for u in range(boxes[k, 0], boxes[k, 1]):
-                if part[v, u] == k:
-                    x, y, t = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], depth[v, u]
-                    normal[v, u, 0], normal[v, u, 1], normal[v, u, 2] = pill_normal(x, y, t, pinhole, pills, k)
 
 
 @njit(cache=True)
-def facet_place(p, n, pill, mesh):  # pragma: no cover - compiled
+def normal_pixels(grid, pinhole, pills, span, depth, part, normal):  # pragma: no cover - compiled
+    """Normal at every pixel that sees a pill; twin: `synth.raycast.cast_numpy`."""
+    for v in range(span[2], span[3]):
+        for u in range(span[0], span[1]):
+            if part[v, u] >= 0:
+                n = pill_normal(
+                    grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], depth[v, u], pinhole, pills, part[v, u]
+                )
+                normal[v, u, 0], normal[v, u, 1], normal[v, u, 2] = n
+
+
+@njit(cache=True)
+def facet_place(x, y, t, n, pinhole, pills, k, counts):  # pragma: no cover - compiled
     """Continuous (ring, sector) of a surface point in a pill's facet mesh; twin: `synth.facets.facet_place`."""
-    frames, shape, _ = mesh
-    f = frames[pill]
-    length, slope, radius = f[4, 0], f[4, 1], f[4, 2]
-    lean = n[0] * f[1, 0] + n[1] * f[1, 1] + n[2] * f[1, 2]
-    axial = (p[0] - f[0, 0]) * f[1, 0] + (p[1] - f[0, 1]) * f[1, 1] + (p[2] - f[0, 2]) * f[1, 2]
-    along = min(max((axial - radius * slope) / (1.0 - slope * slope), 0.0), length)
-    ring = shape[1] * (along / length if length > 0.0 else 0.0)
-    ring += shape[0] * min(math.acos(min(max(-lean, -1.0), 1.0)) / math.acos(-slope), 1.0)
-    ring += shape[0] * max(1.0 - math.acos(min(max(lean, -1.0), 1.0)) / math.acos(slope), 0.0)
-    east = n[0] * f[2, 0] + n[1] * f[2, 1] + n[2] * f[2, 2]
-    north = n[0] * f[3, 0] + n[1] * f[3, 1] + n[2] * f[3, 2]
-    return ring, (math.atan2(north, east) / (2.0 * math.pi) + 0.5) * shape[2]
+    cap, side, around = counts
+    ux, uy, uz, length, slope = pills[k, 3], pills[k, 4], pills[k, 5], pills[k, 6], pills[k, 9]
+    px, py = (x * t, y * t) if pinhole else (x, y)
+    lean = n[0] * ux + n[1] * uy + n[2] * uz
+    axial = (px - pills[k, 0]) * ux + (py - pills[k, 1]) * uy + (t - pills[k, 2]) * uz
+    along = min(max((axial - pills[k, 7] * slope) / pills[k, 10], 0.0), length)
+    ring = side * (along / length if length > 0.0 else 0.0)
+    ring += cap * min(math.acos(min(max(-lean, -1.0), 1.0)) / math.acos(-slope), 1.0)
+    ring += cap * max(1.0 - math.acos(min(max(lean, -1.0), 1.0)) / math.acos(slope), 0.0)
+    east = n[0] * pills[k, 11] + n[1] * pills[k, 12] + n[2] * pills[k, 13]
+    north = n[0] * pills[k, 14] + n[1] * pills[k, 15] + n[2] * pills[k, 16]
+    return ring, (math.atan2(north, east) / (2.0 * math.pi) + 0.5) * around
 
 
 @njit(cache=True)
-def facet_light(place, pill, mesh, smooth):  # pragma: no cover - compiled
+def facet_light(ring, sector, pills, k, counts, smooth):  # pragma: no cover - compiled
     """Body and gloss light of a facet, or between its four corners; twin: `synth.facets.facet_light`."""
-    _, shape, table = mesh
-    rings = 2 * shape[0] + shape[1]
-    i, j = min(int(place[0]), rings - 1), min(int(place[1]), shape[2] - 1)
+    around = counts[2]
+    i, j = min(int(ring), 2 * counts[0] + counts[1] - 1), min(int(sector), around - 1)
+    at = 17 + 2 * (i * around + j)
     if not smooth:
-        return table[pill, i, j, 0], table[pill, i, j, 1]
-    a, b = place[0] - i, place[1] - j
-    body, gloss, k = 0.0, 0.0, (j + 1) % shape[2]
-    for row, col, w in (
-        (i, j, (1.0 - a) * (1.0 - b)),
-        (i, k, (1.0 - a) * b),
-        (i + 1, j, a * (1.0 - b)),
-        (i + 1, k, a * b),
+        return pills[k, at], pills[k, at + 1]
+    a, b = ring - i, sector - j
+    body, gloss, right = 0.0, 0.0, (2 if j + 1 < around else 2 - 2 * around)
+    for step, w in (
+        (0, (1.0 - a) * (1.0 - b)),
+        (right, (1.0 - a) * b),
+        (2 * around, a * (1.0 - b)),
+        (2 * around + right, a * b),
     ):
-        body += w * table[pill, row, col, 0]
-        gloss += w * table[pill, row, col, 1]
+        body += w * pills[k, at + step]
+        gloss += w * pills[k, at + step + 1]
     return body, gloss
 
 
@@ -142,26 +149,32 @@ def point_light(n, view, coefficients, light):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def surface(x, y, t, n, pill, pinhole, look):  # pragma: no cover - compiled
-    """What a pixel shows of a hit: (key, body, gloss); the key changes wherever the image may jump."""
-    mode, coefficients, light, mesh = look
+def surface_light(x, y, t, pinhole, pills, k, look):  # pragma: no cover - compiled
+    """Body and gloss light of a hit; twin: `synth.shading.surface`."""
+    mode, coefficients, light, counts = look
     if mode == BINARY:
-        return 0, 1.0, 0.0
-    if mode == PHONG:
-        if not pinhole:
-            body, gloss = point_light(n, (0.0, 0.0, -1.0), coefficients, light)
-            return pill, body, gloss
-        s = -1.0 / math.sqrt(x * x + y * y + 1.0)
-        body, gloss = point_light(n, (x * s, y * s, s), coefficients, light)
-        return pill, body, gloss
-    p = (x * t, y * t, t) if pinhole else (x, y, t)
-    place = facet_place(p, n, pill, mesh)
-    body, gloss = facet_light(place, pill, mesh, mode == GOURAUD)
-    if mode == GOURAUD:
-        return pill, body, gloss
-    shape = mesh[1]
-    rings = 2 * shape[0] + shape[1]
-    return (pill * rings + min(int(place[0]), rings - 1)) * shape[2] + min(int(place[1]), shape[2] - 1), body, gloss
+        return 1.0, 0.0
+    n = pill_normal(x, y, t, pinhole, pills, k)
+    if mode != PHONG:
+        ring, sector = facet_place(x, y, t, n, pinhole, pills, k, counts)
+        return facet_light(ring, sector, pills, k, counts, mode == GOURAUD)
+    if not pinhole:
+        return point_light(n, (0.0, 0.0, -1.0), coefficients, light)
+    s = -1.0 / math.sqrt(x * x + y * y + 1.0)
+    return point_light(n, (x * s, y * s, s), coefficients, light)
+
+
+@njit(cache=True)
+def surface_key(x, y, t, pinhole, pills, k, look):  # pragma: no cover - compiled
+    """Number that changes wherever the image may jump: pill or facet, -1 on the background; twin: `synth.shading.surface`."""
+    mode, _, _, counts = look
+    if k < 0 or mode == BINARY:
+        return min(k, 0)
+    if mode != FLAT:
+        return k
+    ring, sector = facet_place(x, y, t, pill_normal(x, y, t, pinhole, pills, k), pinhole, pills, k, counts)
+    rings = 2 * counts[0] + counts[1]
+    return (k * rings + min(int(ring), rings - 1)) * counts[2] + min(int(sector), counts[2] - 1)
 
 
 @njit(cache=True)
@@ -177,13 +190,9 @@ def first_pill(x, y, pinhole, pills, chosen, count):  # pragma: no cover - compi
 
 @njit(cache=True)
 def key_at(x, y, pinhole, pills, chosen, count, look):  # pragma: no cover - compiled
-    """Key of what a ray sees, -1 on the background."""
+    """Key of what a ray sees."""
     t, pill = first_pill(x, y, pinhole, pills, chosen, count)
-    if pill < 0 or look[0] == BINARY:
-        return min(pill, 0)
-    if look[0] != FLAT:
-        return pill
-    return surface(x, y, t, pill_normal(x, y, t, pinhole, pills, pill), pill, pinhole, look)[0]
+    return surface_key(x, y, t, pinhole, pills, pill, look)
 
 
 @njit(cache=True)
@@ -251,72 +260,77 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, behind,
                     for c in range(total.shape[0]):
                         total[c] += weight * behind[c]
                     continue
-                n = pill_normal(x, y, t, pinhole, pills, pill)
-                _, body, gloss = surface(x, y, t, n, pill, pinhole, look)
+                body, gloss = surface_light(x, y, t, pinhole, pills, pill, look)
                 for c in range(total.shape[0]):
                     total[c] += weight * (albedo[pill, c] * body + gloss)
 
 
 @njit(cache=True)
-def shade_pixels(grid, pinhole, pills, boxes, depth, part, normal, look, albedo, keys, out):  # pragma: no cover
+def key_pixels(grid, pinhole, pills, span, depth, part, look, keys):  # pragma: no cover - compiled
+    """Key of every pixel centre inside the span (x0, x1, y0, y1)."""
+    for v in range(span[2], span[3]):
+        for u in range(span[0], span[1]):
+            x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
+            keys[v, u] = surface_key(x, y, depth[v, u], pinhole, pills, part[v, u], look)
+
+
+@njit(cache=True)
+def seen_near(part, rows, cols, chosen):  # pragma: no cover - compiled
+    """Number of different pills seen in a block of pixels; they go to `chosen` in rising order."""
+    count = 0
+    for v in range(rows[0], rows[1] + 1):
+        for u in range(cols[0], cols[1] + 1):
+            pill, at = part[v, u], 0
+            while at < count and chosen[at] < pill:
+                at += 1
+            if pill < 0 or (at < count and chosen[at] == pill):
+                continue
+            for i in range(count, at, -1):
+                chosen[i] = chosen[i - 1]
+            chosen[at] = pill
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def edge_direction(keys, v, u, rows, cols):  # pragma: no cover - compiled
+    """Whether any of a pixel's neighbours differs, and how many more changes run along x than along y."""
+    key, even, votes = keys[v, u], True, 0
+    for row in (rows[0], v, rows[1]):
+        left, right = keys[row, cols[0]], keys[row, cols[1]]
+        even = even and left == key and keys[row, u] == key and right == key
+        votes += left != right
+    for col in (cols[0], u, cols[1]):
+        votes -= keys[rows[0], col] != keys[rows[1], col]
+    return not even, votes
+
+
+@njit(cache=True)
+def shade_pixels(grid, pinhole, pills, span, depth, part, look, albedo, keys, out):  # pragma: no cover - compiled
     """Shade every pixel: its centre inside a surface, its integral at edges; twin: `synth.render.shade_numpy`."""
     height, width = part.shape
-    chosen, total = np.empty(boxes.shape[0], np.int64), np.empty(out.shape[2])
-    if boxes.shape[0] == 0:
-        return
-    left, right = max(boxes[:, 0].min() - 1, 0), min(boxes[:, 1].max() + 1, width)
-    top, bottom = max(boxes[:, 2].min() - 1, 0), min(boxes[:, 3].max() + 1, height)
-    flat = look[0] == FLAT
-    for v in range(top, bottom):
-        for u in range(left, right):
-            pill = part[v, u]
-            if pill < 0:
-                keys[v, u] = -1
-                continue
-            if not flat:
-                keys[v, u] = pill if look[0] != BINARY else 0
-                continue
-            n = (normal[v, u, 0], normal[v, u, 1], normal[v, u, 2])
+    chosen, total = np.empty(min(pills.shape[0], 9), np.int64), np.empty(out.shape[2])
+    key_pixels(grid, pinhole, pills, span, depth, part, look, keys)
+    for v in range(span[2], span[3]):
+        rows = (max(v - 1, 0), min(v + 1, height - 1))
+        for u in range(span[0], span[1]):
+            cols = (max(u - 1, 0), min(u + 1, width - 1))
+            edge, votes = edge_direction(keys, v, u, rows, cols)
             x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
-            keys[v, u], _, _ = surface(x, y, depth[v, u], n, pill, pinhole, look)
-    for v in range(top, bottom):
-        v0, v1 = max(v - 1, 0), min(v + 1, height - 1)
-        for u in range(left, right):
-            u0, u1 = max(u - 1, 0), min(u + 1, width - 1)
-            key = keys[v, u]
-            even = key == keys[v, u0] and key == keys[v, u1]
-            even = even and key == keys[v0, u0] and key == keys[v0, u] and key == keys[v0, u1]
-            even = even and key == keys[v1, u0] and key == keys[v1, u] and key == keys[v1, u1]
-            if even:
-                pill = part[v, u]
-                if pill >= 0:
-                    n = (normal[v, u, 0], normal[v, u, 1], normal[v, u, 2])
-                    x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
-                    _, body, gloss = surface(x, y, depth[v, u], n, pill, pinhole, look)
-                    for c in range(out.shape[2]):
-                        out[v, u, c] = albedo[pill, c] * body + gloss
+            pill = part[v, u]
+            if not edge and pill >= 0:
+                body, gloss = surface_light(x, y, depth[v, u], pinhole, pills, pill, look)
+                for c in range(out.shape[2]):
+                    out[v, u, c] = albedo[pill, c] * body + gloss
+            if not edge:
                 continue
-            count = 0
-            for row in range(v0, v1 + 1):
-                for col in range(u0, u1 + 1):
-                    known = part[row, col] < 0
-                    for i in range(count):
-                        known = known or chosen[i] == part[row, col]
-                    if not known:
-                        chosen[count] = part[row, col]
-                        count += 1
-            chosen[:count].sort()
-            across = 0
-            for row in (v0, v, v1):
-                across += keys[row, u0] != keys[row, u1]
-            for col in (u0, u, u1):
-                across -= keys[v0, col] != keys[v1, col]
+            count = seen_near(part, rows, cols, chosen)
             ax = 0.5 * (grid[v + 1, u + 2, 0] - grid[v + 1, u, 0])
             ay = 0.5 * (grid[v + 1, u + 2, 1] - grid[v + 1, u, 1])
             bx = 0.5 * (grid[v + 2, u + 1, 0] - grid[v, u + 1, 0])
             by = 0.5 * (grid[v + 2, u + 1, 1] - grid[v, u + 1, 1])
-            axes = (ax, ay, bx, by) if across >= 0 else (bx, by, ax, ay)
-            x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
+            axes = (ax, ay, bx, by) if votes >= 0 else (bx, by, ax, ay)
             total[:] = 0.0
             integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out[v, u], total)
-            out[v, u] = total
+            for c in range(out.shape[2]):
+                out[v, u, c] = total[c]

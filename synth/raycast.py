@@ -106,7 +106,7 @@ def pill_table(pills: Pills) -> Float[np.ndarray, "l 11"]:
 
 
 def pill_depth(
-    row: Float[np.ndarray, " 11"], pinhole: bool, xy: Float[np.ndarray, "n 2"]
+    row: Float[np.ndarray, " p"], pinhole: bool, xy: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
     """Depth of a pill's first point on rays through normalised coordinates, inf where missed: twin of `_kernels.pill_depth`.
 
@@ -115,7 +115,7 @@ def pill_depth(
     smaller root enters the cone, and if it lies between the circles no point of the (convex) pill comes before it. Else the
     pill is entered through one of its end spheres.
     """
-    a, u, (length, r0, r1, s, c2) = row[:3], row[3:6], row[6:]
+    a, u, (length, r0, r1, s, c2) = row[:3], row[3:6], row[6:11]
     x, y = xy.T
     mx, my, mz = (-a[0], -a[1], -a[2]) if pinhole else (x - a[0], y - a[1], -a[2])
     dx, dy = (x, y) if pinhole else (0.0, 0.0)
@@ -143,7 +143,7 @@ def _sphere_depth(dd, md, c) -> Float[np.ndarray, " n"]:
 
 
 def pill_normal(
-    rows: Float[np.ndarray, "n 11"], p_cam: Float[np.ndarray, "n 3"]
+    rows: Float[np.ndarray, "n p"], p_cam: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """Outward normals at surface points, each on the pill of its row: twin of `_kernels.pill_normal`.
 
@@ -164,9 +164,22 @@ def surface_points(
     return np.column_stack([xy * scale, depth])
 
 
-def _empty_buffers(camera: Camera) -> RenderBuffers:
-    shape = (camera.height, camera.width)
-    return RenderBuffers(np.full(shape, np.inf), np.full(shape, -1, dtype=np.int32), np.zeros((*shape, 3)))
+def hull_box(boxes: Int[np.ndarray, "l 4"], camera: Camera) -> tuple[int, int, int, int]:
+    """Box (x0, x1, y0, y1) around all boxes and one pixel more, inside the image; empty without pills."""
+    if boxes.shape[0] == 0:
+        return 0, 0, 0, 0
+    x0, y0 = np.maximum(boxes[:, [0, 2]].min(axis=0) - 1, 0).tolist()
+    x1, y1 = np.minimum(boxes[:, [1, 3]].max(axis=0) + 1, (camera.width, camera.height)).tolist()
+    return x0, max(x0, x1), y0, max(y0, y1)
+
+
+def cast_depth(
+    table: Float[np.ndarray, "l p"], boxes: Int[np.ndarray, "l 4"], camera: Camera
+) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+    """Depth and part of every pixel centre, from the rows of `pill_table` and the boxes of `pill_boxes`."""
+    depth, part = np.full((camera.height, camera.width), np.inf), np.full((camera.height, camera.width), -1, np.int32)
+    _kernels.cast_pixels(pixel_grid(camera), camera.kind == "perspective", table, boxes, depth, part)
+    return depth, part
 
 
 def cast(pills: Pills, camera: Camera) -> RenderBuffers:
@@ -190,38 +203,33 @@ def cast(pills: Pills, camera: Camera) -> RenderBuffers:
     >>> cast(ball, camera).part.tolist()
     [[-1, -1, -1, -1, -1], [-1, -1, 0, 0, -1], [-1, -1, -1, -1, -1]]
     """
-    buffers = _empty_buffers(camera)
-    _kernels.cast_pixels(
-        pixel_grid(camera),
-        camera.kind == "perspective",
-        pill_table(pills),
-        pill_boxes(pills, camera),
-        buffers.depth,
-        buffers.part,
-        buffers.normal,
-    )
-    return buffers
+    table, boxes = pill_table(pills), pill_boxes(pills, camera)
+    depth, part = cast_depth(table, boxes, camera)
+    normal = np.zeros((*part.shape, 3))
+    pinhole, span = camera.kind == "perspective", hull_box(boxes, camera)
+    _kernels.normal_pixels(pixel_grid(camera), pinhole, table, span, depth, part, normal)
+    return RenderBuffers(depth, part, normal)
 
 
 def cast_numpy(pills: Pills, camera: Camera) -> RenderBuffers:
     """The same as `cast` in plain NumPy, one pill and its box after the other: the twin of `_kernels.cast_pixels`."""
-    buffers, table, grid = _empty_buffers(camera), pill_table(pills), pixel_grid(camera)
-    pinhole = camera.kind == "perspective"
+    shape = (camera.height, camera.width)
+    depth, part, normal = np.full(shape, np.inf), np.full(shape, -1, dtype=np.int32), np.zeros((*shape, 3))
+    table, grid = pill_table(pills), pixel_grid(camera)
     for k, (x0, x1, y0, y1) in enumerate(pill_boxes(pills, camera)):
-        t = pill_depth(table[k], pinhole, grid[y0 + 1 : y1 + 1, x0 + 1 : x1 + 1].reshape(-1, 2))
-        t = t.reshape(max(y1 - y0, 0), max(x1 - x0, 0))
-        depth = buffers.depth[y0:y1, x0:x1]
-        nearer = t < depth - _kernels.TIE
-        depth[nearer] = t[nearer]
-        buffers.part[y0:y1, x0:x1][nearer] = k
-    seen = buffers.part >= 0
-    p_cam = surface_points(camera, grid[1:-1, 1:-1][seen], buffers.depth[seen])
-    buffers.normal[seen] = pill_normal(table[buffers.part[seen]], p_cam)
-    return buffers
+        t = pill_depth(table[k], camera.kind == "perspective", grid[y0 + 1 : y1 + 1, x0 + 1 : x1 + 1].reshape(-1, 2))
+        box = depth[y0:y1, x0:x1]
+        t = t.reshape(box.shape)
+        nearer = t < box - _kernels.TIE
+        box[nearer] = t[nearer]
+        part[y0:y1, x0:x1][nearer] = k
+    seen = part >= 0
+    normal[seen] = pill_normal(table[part[seen]], surface_points(camera, grid[1:-1, 1:-1][seen], depth[seen]))
+    return RenderBuffers(depth, part, normal)
 
 
 def first_hits(
-    table: Float[np.ndarray, "l 11"],
+    table: Float[np.ndarray, "l p"],
     camera: Camera,
     xy: Float[np.ndarray, "n 2"],
     chosen: Bool[np.ndarray, "n l"],

@@ -19,9 +19,11 @@ from handtrack.camera import Camera
 from handtrack.pills import Pills
 
 from . import _kernels
-from .facets import FacetMesh, facet_light, facet_mesh, facet_number, facet_place, facet_points
+from .facets import Counts, facet_light, facet_number, facet_place, facet_points, facet_rows
+from .raycast import pill_normal, pill_table
 
 Mode = Literal["binary", "flat", "gouraud", "phong"]
+Coefficients = tuple[float, float, float, float]
 MODES: dict[str, int] = {
     "binary": _kernels.BINARY,
     "flat": _kernels.FLAT,
@@ -62,23 +64,32 @@ class Light:
 class Look:
     """All that turns a hit into light, ready for the renderer: see `make_look`.
 
-    `table` holds the light (body, gloss) of facets or of their corners; empty unless the mode needs it.
+    Attributes
+    ----------
+    mode : int
+        Number of the mode in the compiled loops.
+    coefficients : (ambient, diffuse, specular, shininess)
+        Specular in grey levels.
+    light : (3,)
+        Unit vector to the light, camera axes.
+    counts : (cap, side, around)
+        Rings on a cap, rings on the side, sectors around, of the facets.
+    rows : (l, 17)
+        Pills with their facet frames, from `facet_rows`.
+    facets : (l, r, c, 2)
+        Light (body, gloss) of facets or of their corners; of no use in the other modes.
     """
 
     mode: int
-    coefficients: tuple[float, float, float, float]
+    coefficients: Coefficients
     light: Float[np.ndarray, " 3"]
-    mesh: FacetMesh
-    table: Float[np.ndarray, "l r c 2"]
+    counts: Counts
+    rows: Float[np.ndarray, "l 17"]
+    facets: Float[np.ndarray, "l r c 2"]
 
 
 def make_look(
-    pills: Pills,
-    camera: Camera,
-    material: Material,
-    light: Light,
-    mode: Mode = "phong",
-    facets: tuple[int, int, int] = (3, 4, 16),
+    pills: Pills, camera: Camera, material: Material, light: Light, mode: Mode = "phong", facets: Counts = (3, 4, 16)
 ) -> Look:
     """Prepare the light on posed pills.
 
@@ -94,34 +105,34 @@ def make_look(
     """
     if mode not in MODES:
         raise ValueError(f"mode: '{mode}' is unknown; wanted one of {', '.join(MODES)}")
-    shares = (material.ambient, material.diffuse, material.specular, material.shininess)
-    if min(shares[:3]) < 0 or material.shininess <= 0:
-        raise ValueError(f"material: shares of light {shares[:3]} must be >= 0 and shininess {shares[3]} > 0")
+    shares = (material.ambient, material.diffuse, material.specular)
+    if not (min(shares) >= 0 and material.shininess > 0):
+        raise ValueError(f"material: shares of light {shares} must be >= 0 and shininess {material.shininess} > 0")
     size = float(np.linalg.norm(light.direction))
     if not (size > 0 and np.isfinite(size)):
-        raise ValueError(f"light: direction {light.direction.tolist()} has no direction; wanted a finite, non-zero vector")
+        raise ValueError(f"light: direction {light.direction.tolist()} was given; wanted a finite, non-zero vector")
     if min(facets[0], facets[1]) < 1 or facets[2] < 3:
         raise ValueError(f"facets: {facets} is no body; wanted at least 1 ring on cap and side and 3 sectors")
     coefficients = (material.ambient, material.diffuse, 255.0 * material.specular, material.shininess)
-    mesh = facet_mesh(pills, *facets)
-    towards = light.direction / size
-    table = np.zeros((pills.base.shape[0], 1, 1, 2))
+    rows, towards = facet_rows(pill_table(pills)), light.direction / size
+    lit = np.zeros((rows.shape[0], 1, 1, 2))
     if mode in ("flat", "gouraud"):
-        table = _facet_table(mesh, camera, coefficients, towards, mode == "flat")
-    return Look(MODES[mode], coefficients, towards, mesh, table)
+        lit = _light_of_facets(rows, facets, camera, coefficients, towards, mode == "flat")
+    return Look(MODES[mode], coefficients, towards, facets, rows, lit)
 
 
-def _facet_table(
-    mesh: FacetMesh,
+def _light_of_facets(
+    rows: Float[np.ndarray, "l 17"],
+    counts: Counts,
     camera: Camera,
-    coefficients: tuple[float, float, float, float],
+    coefficients: Coefficients,
     towards: Float[np.ndarray, " 3"],
     flat: bool,
 ) -> Float[np.ndarray, "l r c 2"]:
     """Light at the middle of each facet (`flat`), or at its first corner."""
-    cap, side, around = mesh.counts
+    cap, side, around = counts
     middle = 0.5 if flat else 0.0
-    point, normal = facet_points(mesh, np.arange(2 * cap + side + 1) + middle, np.arange(around) + middle)
+    point, normal = facet_points(rows, counts, np.arange(2 * cap + side + 1) + middle, np.arange(around) + middle)
     view = view_directions(camera, point.reshape(-1, 3))
     lit = point_light(normal.reshape(-1, 3), view, coefficients, towards)
     return lit.reshape(*point.shape[:3], 2)
@@ -137,7 +148,7 @@ def view_directions(camera: Camera, p_cam: Float[np.ndarray, "n 3"]) -> Float[np
 def point_light(
     n: Float[np.ndarray, "n 3"],
     view: Float[np.ndarray, "n 3"],
-    coefficients: tuple[float, float, float, float],
+    coefficients: Coefficients,
     light: Float[np.ndarray, " 3"],
 ) -> Float[np.ndarray, "n 2"]:
     """Body (ambient and diffuse, to be multiplied by the albedo) and gloss of surface points: twin of `_kernels.point_light`.
@@ -154,21 +165,22 @@ def point_light(
 
 
 def surface(
-    look: Look,
-    camera: Camera,
-    pill: Int[np.ndarray, " n"],
-    p_cam: Float[np.ndarray, "n 3"],
-    normal: Float[np.ndarray, "n 3"],
+    look: Look, camera: Camera, pill: Int[np.ndarray, " n"], p_cam: Float[np.ndarray, "n 3"]
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Key and light of surface points: the twin of `_kernels.surface`. The key changes wherever the image may jump."""
+    """Key and light of surface points: the twin of `_kernels.surface_key` and `_kernels.surface_light`.
+
+    The key changes wherever the image may jump: at the silhouette, from pill to pill, or from facet to facet.
+    """
     if look.mode == _kernels.BINARY:
         return np.zeros(pill.size, dtype=int), np.tile([1.0, 0.0], (pill.size, 1))
+    rows = look.rows[pill]
+    normal = pill_normal(rows, p_cam)
     if look.mode == _kernels.PHONG:
         return pill, point_light(normal, view_directions(camera, p_cam), look.coefficients, look.light)
-    ring, sector = facet_place(look.mesh, pill, p_cam, normal)
-    lit = facet_light(look.mesh, look.table, pill, ring, sector, look.mode == _kernels.GOURAUD)
+    ring, sector = facet_place(rows, look.counts, p_cam, normal)
+    lit = facet_light(look.facets, look.counts, pill, ring, sector, look.mode == _kernels.GOURAUD)
     if look.mode == _kernels.GOURAUD:
         return pill, lit
-    i, j = facet_number(look.mesh, ring, sector)
-    cap, side, around = look.mesh.counts
+    i, j = facet_number(look.counts, ring, sector)
+    cap, side, around = look.counts
     return (pill * (2 * cap + side) + i) * around + j, lit

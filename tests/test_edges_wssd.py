@@ -9,7 +9,8 @@ from scipy.special import ndtr
 from handtrack.appearance import Appearance
 from handtrack.camera import orthographic, perspective
 from handtrack.edges import BORDER, FLAT, FOUND, HIDDEN, JOINT, MISFIT, OUTSIDE, REASONS, EdgePoints, find_edges
-from handtrack.edges.wssd import curves, curves_numpy, refine, refine_numpy
+from handtrack.edges.wssd import curves, curves_numpy, refine, refine_numpy, search_numpy
+from handtrack.edges.wssd import search as search_valleys
 from handtrack.pills import Pills
 from handtrack.profiles import Profiles, Samplers, place_outline, sample, with_rays
 from handtrack.templates import EXPECTED, Templates, expect, positions
@@ -75,6 +76,16 @@ def test_curves_of_kernel_and_numpy_twin_agree(step):
     assert np.isinf(found).any() and np.isfinite(found).any()
     finite = np.isfinite(found)
     np.testing.assert_allclose(found[finite], twin[finite], rtol=1e-12)
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+def test_search_of_kernel_and_numpy_twin_agree(step):
+    rng, n = np.random.default_rng(7), 200
+    looks, image = rough(rng, n, step)
+    looks.visible[:5] = False
+    reach, predicted = rng.uniform(0.0, 3.0, n), rng.uniform(0.1, 50.0, n)
+    for one, two in zip(*(f(image, looks, reach, predicted, 9.0) for f in (search_valleys, search_numpy)), strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-9)
 
 
 @pytest.mark.parametrize("step", [0.5, 1.0])

@@ -69,6 +69,7 @@ models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
 
 @given(st.floats(-7, 7), st.floats(-50, 50), st.floats(-50, 50), st.floats(-7, 7))
+@settings(deadline=None)
 def test_link_transform_is_the_matrix_that_the_thesis_prints(alpha, a, d, theta):
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
     printed = [  # eq. (2.1)

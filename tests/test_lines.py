@@ -113,7 +113,7 @@ def test_bad_arguments_are_named():
         fit_line(np.zeros((3, 2)), np.array([1.0, -1.0, 1.0]), tolerance=1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     turn=st.floats(-np.pi, np.pi),
@@ -159,19 +159,19 @@ def noisy_sides(runs: int, angles: tuple[float, float], flip: bool) -> tuple[lis
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("angles", [(0.3, 0.3), (0.3, 0.3001), (0.45, 0.15)])
 def test_covariance_is_that_of_repeated_noise(angles, flip):
-    fitted, exact = noisy_sides(20000, angles, flip)
+    fitted, exact = noisy_sides(8000, angles, flip)
     for lines, truth in (*zip(fitted, exact, strict=True), (axial_line(*fitted), axial_line(*exact))):
         measured = np.cov(errors_of_lines(lines, truth).T)
         scale = np.sqrt(np.outer(*[np.diag(truth.covariance)] * 2))
-        np.testing.assert_allclose(measured / scale, truth.covariance / scale, atol=0.04)
+        np.testing.assert_allclose(measured / scale, truth.covariance / scale, atol=0.06)
 
 
 def test_normalised_errors_are_chi_square():
-    fitted, exact = noisy_sides(20000, (0.4, 0.2), flip=True)
+    fitted, exact = noisy_sides(8000, (0.4, 0.2), flip=True)
     axis, truth = axial_line(*fitted), axial_line(*exact)
     e = errors_of_lines(axis, truth)
     nees = np.sum(e * np.linalg.solve(axis.covariance, e[..., None])[..., 0], axis=-1)
-    assert nees.mean() == pytest.approx(2.0, abs=0.06)
+    assert nees.mean() == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("taper", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 0.4])
@@ -188,7 +188,7 @@ def test_axis_of_a_symmetric_link_is_found_at_any_taper(taper):
     assert distance(axis, centre[None])[0] == pytest.approx(0.0, abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     angle1=st.floats(-3, 3),
     spread=st.floats(-0.7, 0.7),

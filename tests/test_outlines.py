@@ -67,10 +67,10 @@ def test_rim_points_lie_on_the_surface(camera):
 
 
 @cameras
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_silhouette_holds_just_the_pixels_whose_rays_hit(camera, seed):
     pills = random_pills(seed + 10, n=4)
-    xy = np.stack(np.meshgrid(np.arange(0.0, 640, 4), np.arange(0.0, 480, 4)), axis=-1).reshape(-1, 2)
+    xy = np.stack(np.meshgrid(np.arange(0.0, 640, 6), np.arange(0.0, 480, 6)), axis=-1).reshape(-1, 2)
     origin, direction = rays(camera, xy)
     for k, outline in enumerate(silhouettes(pills, camera, n_arc=200)):
         one = Pills(pills.base[[k]], pills.tip[[k]], pills.radius[[k]])
@@ -86,8 +86,8 @@ def test_silhouette_agrees_with_the_hull_of_the_projected_mesh(camera):
     pills = random_pills(7)
     for k, outline in enumerate(silhouettes(pills, camera, n_arc=60)):
         axis = pills.tip[k] - pills.base[k]
-        length = np.linalg.norm(axis)
-        vertices, _ = mesh(*pills.radius[k], float(length), n_around=60, n_cap=40)
+        length = float(np.linalg.norm(axis))
+        vertices, _ = mesh(pills.radius[k, 0], pills.radius[k, 1], length, n_around=60, n_cap=40)
         turn = np.linalg.qr(np.stack([axis / length, [0.3, 0.5, 0.8], [0.9, -0.4, 0.1]], axis=1))[0]
         turn[:, 0] = axis / length
         cloud = project_camera(camera, vertices @ turn.T + pills.base[k])
@@ -127,8 +127,19 @@ def test_silhouette_moves_smoothly_as_one_sphere_slides_behind_the_other(camera)
     shift = np.linspace(6.0, 14.0, 400)
     base = np.tile([10.0, 0.0, 300.0], (400, 1))
     tip = base + np.stack([shift, np.zeros(400), np.full(400, 2.0)], axis=-1)
-    area = shapely.area(shapely.polygons(silhouettes(Pills(base, tip, np.tile([20.0, 10.0], (400, 1))), camera, 200)))
+    outlines = silhouettes(Pills(base, tip, np.tile([20.0, 10.0], (400, 1))), camera, 200)
+    area = np.array([shapely.Polygon(outline).area for outline in outlines])
     assert np.abs(np.diff(area)).max() < 5e-3 * area[0]
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-17, 1e-14, 1e-12, 1e-9, 1e-7, 1e-4])
+@pytest.mark.parametrize("tip_radius", [9.0, 9.0 * 340 / 300])
+def test_pill_nearly_end_on_keeps_its_touching_rays(aside, tip_radius):
+    base = np.array([[70.0, -40.0, 300.0]])
+    pills = Pills(base, base * (340 / 300) + [aside, 0.0, 0.0], np.array([[9.0, tip_radius]]))
+    for camera in CAMERAS.values():
+        rim = rims(pills, camera, 9)[0]
+        np.testing.assert_allclose(gap_between_line_and_pill(pills, 0, *sight_lines(camera, rim)), 0.0, atol=1e-5)
 
 
 def test_pill_seen_end_on_is_a_disc():
@@ -257,4 +268,4 @@ def test_merged_finger_is_the_union_of_its_links():
     xy = np.random.default_rng(1).uniform([0, 0], [640, 480], (4000, 2))
     each = [shapely.contains_xy(shapely.polygons(outline), xy) for outline in outlines[:3]]
     np.testing.assert_array_equal(shapely.contains_xy(merged, xy), np.any(each, axis=0))
-    assert merged_polygon([]).is_empty
+    assert shapely.is_empty(merged_polygon([]))

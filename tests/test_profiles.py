@@ -189,6 +189,7 @@ def test_links_behind_the_camera_get_no_samplers():
 
 
 @given(st.integers(1, 60))
+@settings(deadline=None)
 def test_uniform_spread_leaves_equal_gaps_also_at_the_ends(count):
     gaps = np.diff(np.concatenate([[0.0], uniform_spread(count), [1.0]]))
     np.testing.assert_allclose(gaps, 1.0 / (count + 1), rtol=1e-9)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from handtrack.appearance import Appearance, learn
@@ -222,6 +222,7 @@ def test_templates_look_like_the_image_they_stand_for(seed, projection, frame):
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.sampled_from([0.25, 0.5, 1.0]))
+@settings(deadline=None)
 def test_positions_put_the_edge_between_two_samples(inwards, outwards, step):
     u = positions(inwards * step, outwards * step, step)
     np.testing.assert_allclose(np.diff(u), step)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from handtrack.camera import Camera, orthographic, perspective
+from handtrack.camera import orthographic, perspective
 from handtrack.pills import Pills
 from handtrack.visibility import (
     first_links,
@@ -25,6 +25,10 @@ CAMERAS = {
 cameras = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 FINGERS = np.array([0, 0, 0, 1, 1, 1])
 IMAGE = shapely.box(-0.5, -0.5, 319.5, 239.5)
+
+
+def of_finger(number: int) -> np.ndarray:
+    return np.equal(FINGERS, number)
 
 
 def chain(start: np.ndarray, turn: float, slope: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,7 +59,7 @@ def figure_4_16() -> Pills:
     )
 
 
-def grid(step: float = 2.0) -> np.ndarray:
+def grid(step: float = 4.0) -> np.ndarray:
     return np.stack(np.meshgrid(np.arange(0, 320, step), np.arange(0, 240, step)), axis=-1).reshape(-1, 2)
 
 
@@ -74,7 +78,7 @@ def test_mean_depth_is_wrong_where_a_link_leads_away_and_the_ray_is_right():
 
 @cameras
 @pytest.mark.parametrize("order", ["mean-depth", "pairwise"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_windows_agree_with_rays_away_from_borders(camera, order, seed):
     pills, xy = two_fingers(seed), grid()
     layers = truncated_polygons(pills, camera, FINGERS, order, n_arc=40)
@@ -92,7 +96,7 @@ def test_windows_agree_with_rays_away_from_borders(camera, order, seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_truncated_fingers_part_the_union_of_silhouettes(camera, seed):
     layers = truncated_polygons(two_fingers(seed), camera, FINGERS)
-    one, two = (shapely.union_all(layers.truncated[FINGERS == f]) for f in (0, 1))
+    one, two = (shapely.union_all(layers.truncated[of_finger(f)]) for f in (0, 1))
     everything = shapely.intersection(shapely.union_all(layers.whole), IMAGE)
     assert shapely.intersection(one, two).area < 1e-6
     assert shapely.symmetric_difference(shapely.union(one, two), everything).area < 1e-6
@@ -150,10 +154,10 @@ def test_windows_of_many_links_are_those_of_each():
 
 def test_the_nearer_of_two_fingers_is_seen_whole():
     pills = two_fingers(3)
-    front = int(np.argmin([pills.base[FINGERS == f, 2].mean() for f in (0, 1)]))
+    front = int(np.argmin([pills.base[of_finger(f), 2].mean() for f in (0, 1)]))
     share = visible_fraction(truncated_polygons(pills, CAMERAS["orthographic"], FINGERS))
-    np.testing.assert_allclose(share[FINGERS == front], 1.0)
-    assert share[FINGERS != front].min() < 0.9
+    np.testing.assert_allclose(share[of_finger(front)], 1.0)
+    assert share[of_finger(1 - front)].min() < 0.9
 
 
 def test_nothing_is_seen_outside_the_image():

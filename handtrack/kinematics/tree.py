@@ -100,8 +100,8 @@ class Model:
 def link_transform(alpha: float, a: float, d: float, theta: float) -> Float[np.ndarray, "4 4"]:
     """`{i-1}_T_{i}` of the hand thesis, eq. (2.1).
 
-    >>> link_transform(0.0, 2.0, 0.0, 0.0)[:3, 3].tolist()
-    [2.0, 0.0, 0.0]
+    >>> link_transform(0.0, 2.0, 0.0, 0.0)[:3, 3].round(3).tolist()
+    [2.0, -0.0, 0.0]
     """
     ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
     return np.array(

@@ -74,7 +74,7 @@ def _overlays(
 
 def draw_overlay(
     image: Float[np.ndarray, "h w"], track: Track, row: int, model: Model, camera: Camera
-) -> UInt8[np.ndarray, "h w 3"]:
+) -> UInt8[np.ndarray, "rows columns 3"]:
     """Draw row `row` of the track on its image (grey, 0..255); returns RGB, enlarged if the image is small."""
     zoom = max(1, math.ceil(_LEAST_HEIGHT / image.shape[0]))
     grey = np.clip(np.rint(image), 0, 255).astype(np.uint8)
@@ -107,7 +107,7 @@ def _link_colours(fingers: tuple[Finger, ...], count: int) -> list[tuple[int, in
 
 
 def _draw_links(
-    canvas: UInt8[np.ndarray, "h w 3"],
+    canvas: UInt8[np.ndarray, "rows columns 3"],
     zoom: int,
     model: Model,
     camera: Camera,
@@ -136,7 +136,7 @@ def _draw_links(
 
 
 def _draw_axes(
-    canvas: UInt8[np.ndarray, "h w 3"],
+    canvas: UInt8[np.ndarray, "rows columns 3"],
     zoom: int,
     model: Model,
     camera: Camera,
@@ -155,7 +155,7 @@ def _draw_axes(
 
 
 def _draw_tips(
-    canvas: UInt8[np.ndarray, "h w 3"],
+    canvas: UInt8[np.ndarray, "rows columns 3"],
     zoom: int,
     model: Model,
     camera: Camera,
@@ -186,7 +186,7 @@ def _ellipse(centre: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2
 
 
 def _dot(
-    canvas: UInt8[np.ndarray, "h w 3"],
+    canvas: UInt8[np.ndarray, "rows columns 3"],
     at: Int[np.ndarray, " 2"],
     radius: float,
     colour: tuple[int, int, int],
@@ -197,21 +197,21 @@ def _dot(
     cv2.circle(canvas, point, round((radius - 0.6) * scale), colour, -1, cv2.LINE_AA, _SHIFT)
 
 
-def _panel(canvas: UInt8[np.ndarray, "h w 3"], left: int, top: int, width: int, height: int) -> None:
+def _panel(canvas: UInt8[np.ndarray, "rows columns 3"], left: int, top: int, width: int, height: int) -> None:
     """Darken a part of the canvas so that text on it can be read."""
     area = canvas[max(top, 0) : top + height, max(left, 0) : left + width]
     area[:] = (area * 0.35 + 8).astype(np.uint8)
 
 
 def _text(
-    canvas: UInt8[np.ndarray, "h w 3"], words: str, left: int, base: int, colour: tuple[int, int, int]
+    canvas: UInt8[np.ndarray, "rows columns 3"], words: str, left: int, base: int, colour: tuple[int, int, int]
 ) -> int:
     """Write text, return the x where it ends."""
     cv2.putText(canvas, words, (left, base), _FONT, 0.45, colour, 1, cv2.LINE_AA)
     return left + cv2.getTextSize(words, _FONT, 0.45, 1)[0][0]
 
 
-def _draw_caption(canvas: UInt8[np.ndarray, "h w 3"], track: Track, row: int) -> None:
+def _draw_caption(canvas: UInt8[np.ndarray, "rows columns 3"], track: Track, row: int) -> None:
     """Status, frame number and confidence in the upper left corner."""
     status = str(track.status[row])
     colour = rgb(dict(STATUS_COLOURS)[status])
@@ -221,7 +221,7 @@ def _draw_caption(canvas: UInt8[np.ndarray, "h w 3"], track: Track, row: int) ->
     _text(canvas, words, 33, 25, (240, 240, 240))
 
 
-def _draw_names(canvas: UInt8[np.ndarray, "h w 3"], fingers: tuple[Finger, ...]) -> None:
+def _draw_names(canvas: UInt8[np.ndarray, "rows columns 3"], fingers: tuple[Finger, ...]) -> None:
     """Names of the fingers in their colours along the lower edge."""
     named = [finger for finger in fingers if finger.links]
     widths = [cv2.getTextSize(finger.name, _FONT, 0.45, 1)[0][0] + 14 for finger in named]

@@ -1,0 +1,136 @@
+"""Pixels on edges in, the mean of the image over each of them out: the anti-aliasing.
+
+Within one pixel an edge is nearly straight. Two lines are laid across it, at the Gauss nodes y = ±1/(2 sqrt 3) of the pixel,
+and on each the crossing is found by bisection from -1 to 1, to 1/128 pixel; through both crossings goes the edge
+
+    x = middle + slope y,        area on its left  A = integral of clip(x, -1/2, 1/2) + 1/2 over |y| <= 1/2
+
+and the pixel shows A (mean light on the left) + (1 - A) (mean on the right), each mean from two Gauss nodes on each line.
+A regular grid of as many rays would move an upright edge in steps of its spacing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from handtrack.camera import Camera
+
+from . import _kernels
+from .raycast import first_hits, pixel_grid, surface_points
+from .shading import Look, surface
+
+GAUSS = _kernels.GAUSS
+Sample = Callable[[Float[np.ndarray, " n"]], Int[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgePixels:
+    """Pixels to integrate: column, row, whether the lines run along x, and the pills seen in the neighbourhood."""
+
+    u: Int[np.ndarray, " n"]
+    v: Int[np.ndarray, " n"]
+    across: Bool[np.ndarray, " n"]
+    chosen: Bool[np.ndarray, "n l"]
+
+
+def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pills: int) -> EdgePixels:
+    """Pixels whose key differs from that of any of their eight neighbours.
+
+    Lines run along x where more keys change from left to right than from top to bottom.
+    """
+    padded = np.pad(keys, 1, mode="edge")
+    height, width = keys.shape
+    low = high = keys
+    for dv in range(3):
+        for du in range(3):
+            near = padded[dv : dv + height, du : du + width]
+            low, high = np.minimum(low, near), np.maximum(high, near)
+    v, u = np.nonzero(low != high)
+    votes = np.zeros(u.size, dtype=int)
+    for i in range(3):
+        votes += padded[v + i, u] != padded[v + i, u + 2]
+        votes -= padded[v, u + i] != padded[v + 2, u + i]
+    seen = np.zeros((u.size, pills + 1), dtype=bool)
+    parts = np.pad(part, 1, mode="edge")
+    for i in range(9):
+        seen[np.arange(u.size), parts[v + i // 3, u + i % 3]] = True  # the background, -1, goes to the spare column
+    return EdgePixels(u, v, votes >= 0, seen[:, :-1])
+
+
+def covered(middle: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Area of the unit pixel left of the line x = middle + slope y: the twin of `_kernels.covered`.
+
+    With H the integral of the clip (z^2 / 2 up to |z| = 1/2, then |z| / 2 - 1/8) it is
+    1/2 + (H(middle + slope / 2) - H(middle - slope / 2)) / slope.
+
+    >>> covered(np.array([0.0, 0.25, 0.5]), np.array([3.0, 0.0, 1.0])).tolist()
+    [0.5, 0.75, 0.875]
+    """
+    steep = np.abs(slope) >= 1e-6
+    total = np.zeros(middle.size)
+    for sign in (-1.0, 1.0):
+        z = np.abs(middle + 0.5 * sign * slope)
+        total = total + sign * np.where(z <= 0.5, 0.5 * z * z, 0.5 * z - 0.125)
+    upright = 0.5 + np.clip(middle, -0.5, 0.5)
+    return np.where(steep, 0.5 + total / np.where(steep, slope, 1.0), upright)
+
+
+def crossing(sample: Sample, n: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Keys at both ends of lines from -1 to 1, and where the first ends (1 where both agree): twin of `_kernels.crossing`."""
+    low, high = np.full(n, -1.0), np.full(n, 1.0)
+    first, last = sample(low), sample(high)
+    for _ in range(_kernels.HALVINGS):
+        cut = 0.5 * (low + high)
+        same = sample(cut) == first
+        low, high = np.where(same, cut, low), np.where(same, high, cut)
+    return first, last, np.where(first == last, 1.0, 0.5 * (low + high))
+
+
+def integrate_numpy(
+    camera: Camera,
+    look: Look,
+    albedo: Float[np.ndarray, "l c"],
+    pixels: EdgePixels,
+    behind: Float[np.ndarray, "n c"],
+) -> Float[np.ndarray, "n c"]:
+    """Mean of the image over edge pixels, by the rule above: the twin of `_kernels.integrate`."""
+    grid = pixel_grid(camera)
+    u, v, across = pixels.u + 1, pixels.v + 1, pixels.across[:, None]
+    right, down = 0.5 * (grid[v, u + 1] - grid[v, u - 1]), 0.5 * (grid[v + 1, u] - grid[v - 1, u])
+    along, step = np.where(across, right, down), np.where(across, down, right)
+
+    def sample(at: Float[np.ndarray, " n"], offset: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        xy = grid[v, u] + at[:, None] * along + offset * step
+        return see(camera, look, xy, pixels.chosen)
+
+    f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], u.size)
+    f1, l1, c1 = crossing(lambda at: sample(at, GAUSS)[1], u.size)
+    whole0, whole1 = f0 == l0, f1 == l1
+    c0 = np.where(whole0 & ~whole1 & (f0 == l1), -1.0, c0)
+    c1 = np.where((whole1 & ~whole0 & (f1 == l0)) | (whole0 & whole1 & (f0 != f1)), -1.0, c1)
+    area = covered(0.5 * (c0 + c1), 0.5 * (c1 - c0) / GAUSS)
+    total = np.zeros(behind.shape)
+    for share, sense in ((area, 1.0), (1.0 - area, -1.0)):
+        w0, w1 = np.clip(0.5 + sense * c0, 0.0, 1.0), np.clip(0.5 + sense * c1, 0.0, 1.0)
+        corner = w0 + w1 <= 0.0
+        first_line = (c0 > c1) == (sense > 0)
+        w0, w1 = np.where(corner & first_line, 1e-6, w0), np.where(corner & ~first_line, 1e-6, w1)
+        for w, offset in ((w0, -GAUSS), (w1, GAUSS)):
+            for sign in (-1.0, 1.0):
+                pill, _, lit = sample(sense * (-0.5 + w * (0.5 + sign * GAUSS)), offset)
+                value = np.where(pill[:, None] < 0, behind, albedo[pill] * lit[:, :1] + lit[:, 1:])
+                total += (np.maximum(share, 0.0) * 0.5 * w / (w0 + w1))[:, None] * value
+    return total
+
+
+def see(
+    camera: Camera, look: Look, xy: Float[np.ndarray, "n 2"], chosen: Bool[np.ndarray, "n l"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
+    """Pill, key (-1 both on the background) and light on rays given by normalised coordinates."""
+    depth, part = first_hits(look.rows, camera, xy, chosen)
+    inside = part >= 0
+    key, lit = np.full(part.size, -1), np.zeros((part.size, 2))
+    key[inside], lit[inside] = surface(look, camera, part[inside], surface_points(camera, xy[inside], depth[inside]))
+    return part, key, lit
