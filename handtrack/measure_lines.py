@@ -25,6 +25,7 @@ from .templates import Templates, expect, positions
 COUNT = 8  # samplers across each link
 _TOLERANCE = 1.0  # pixels: inliers of a boundary line
 _LEAST_SHARE = 0.45  # of a link visible at a sampler
+_HIDDEN = 1.0  # pixels: what a wholly hidden link would add, since a window's cut moves with the pose
 _FLOOR = 0.12  # pixels: what shading that is slightly off leaves
 _AT = np.array([0.2, 0.8])  # where on a link its axis is held against the line
 
@@ -125,7 +126,7 @@ def _centres(
         claimed = np.sqrt(
             np.maximum(valley.height[kept], appearance.noise**2) / (slope2 * step) / wide.share[rows[kept]]
         )
-        sigma[rows[kept]] = np.hypot(claimed, _FLOOR)
+        sigma[rows[kept]] = np.hypot(claimed, _FLOOR + _HIDDEN * (1.0 - wide.share[rows[kept]]))
     return offset, sigma, reason
 
 

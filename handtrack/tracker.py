@@ -5,7 +5,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -131,8 +131,11 @@ def step(
     passes = settings.passes + (_START_PASSES if state.frames < _START_FRAMES else 0)
     appearance = state.appearance or learn(image, posed(on, ahead.motion.q), on.camera)
     known = Known(on, settings, appearance, state.consistency, state.stored)
+    first = state.appearance is None
+    if first:  # templates learnt at a pose that is only supposed would confirm it; outlines hardly depend on them
+        known = replace(known, settings=replace(settings, residuals="outline"))
     found = estimate(image, known, ahead.motion, ahead.motion.q, passes, state.widen)
-    if state.appearance is None:  # the first templates were learnt at a pose that was only supposed
+    if first:
         appearance = learn(image, posed(on, found.u), on.camera, appearance)
         known = Known(on, settings, appearance, state.consistency, state.stored)
         found = estimate(image, known, ahead.motion, found.u, passes, found.widen)

@@ -17,7 +17,7 @@ TIE = 1e-9  # depths closer than this are equal and the first pill wins: neighbo
 BINARY, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def pill_depth(x, y, pinhole, pills, k):  # pragma: no cover - compiled
     """Depth of a pill's first point on a ray, inf where missed; twin and derivation: `synth.raycast.pill_depth`."""
     ax, ay, az, ux, uy, uz = pills[k, 0], pills[k, 1], pills[k, 2], pills[k, 3], pills[k, 4], pills[k, 5]
@@ -59,7 +59,7 @@ def pill_depth(x, y, pinhole, pills, k):  # pragma: no cover - compiled
     return best if best > 0.0 or not pinhole else math.inf
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def pill_normal(x, y, t, pinhole, pills, k):  # pragma: no cover - compiled
     """Outward normal where a pill is hit; twin and derivation: `synth.raycast.pill_normal`."""
     px, py = (x * t, y * t) if pinhole else (x, y)
@@ -72,31 +72,30 @@ def pill_normal(x, y, t, pinhole, pills, k):  # pragma: no cover - compiled
     return (px - along * ux) / radius, (py - along * uy) / radius, (pz - along * uz) / radius
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cast_pixels(grid, pinhole, pills, boxes, depth, part):  # pragma: no cover - compiled
-    """First pill at every pixel centre, one box of pixels per pill; twin: `synth.raycast.cast_numpy`."""
+    """First pill at every pixel centre, one box of pixels per pill; `part` has a border; twin: `synth.raycast.cast_numpy`."""
     for k in range(boxes.shape[0]):
         for v in range(boxes[k, 2], boxes[k, 3]):
             for u in range(boxes[k, 0], boxes[k, 1]):
                 t = pill_depth(grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], pinhole, pills, k)
                 if t < depth[v, u] - TIE:
                     depth[v, u] = t
-                    part[v, u] = k
+                    part[v + 1, u + 1] = k
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_pixels(grid, pinhole, pills, span, depth, part, normal):  # pragma: no cover - compiled
     """Normal at every pixel that sees a pill; twin: `synth.raycast.cast_numpy`."""
     for v in range(span[2], span[3]):
         for u in range(span[0], span[1]):
-            if part[v, u] >= 0:
-                n = pill_normal(
-                    grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], depth[v, u], pinhole, pills, part[v, u]
-                )
+            pill = part[v + 1, u + 1]
+            if pill >= 0:
+                n = pill_normal(grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], depth[v, u], pinhole, pills, pill)
                 normal[v, u, 0], normal[v, u, 1], normal[v, u, 2] = n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def facet_place(x, y, t, n, pinhole, pills, k, counts):  # pragma: no cover - compiled
     """Continuous (ring, sector) of a surface point in a pill's facet mesh; twin: `synth.facets.facet_place`."""
     cap, side, around = counts
@@ -113,7 +112,7 @@ def facet_place(x, y, t, n, pinhole, pills, k, counts):  # pragma: no cover - co
     return ring, (math.atan2(north, east) / (2.0 * math.pi) + 0.5) * around
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def facet_light(ring, sector, pills, k, counts, smooth):  # pragma: no cover - compiled
     """Body and gloss light of a facet, or between its four corners; twin: `synth.facets.facet_light`."""
     around = counts[2]
@@ -134,7 +133,20 @@ def facet_light(ring, sector, pills, k, counts, smooth):  # pragma: no cover - c
     return body, gloss
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def power(x, exponent):  # pragma: no cover - compiled
+    """x ** exponent, by multiplication where the exponent is whole: a tenth of the time."""
+    whole = int(exponent)
+    value = 1.0 if whole == exponent else x ** (exponent - whole)
+    while whole > 0:
+        if whole & 1:
+            value *= x
+        x *= x
+        whole >>= 1
+    return value
+
+
+@njit(cache=True, error_model="numpy")
 def point_light(n, view, coefficients, light):  # pragma: no cover - compiled
     """Body (ambient and diffuse) and gloss (specular) light, Phong's model; twin: `synth.shading.point_light`."""
     ambient, diffuse, specular, shininess = coefficients
@@ -145,10 +157,10 @@ def point_light(n, view, coefficients, light):  # pragma: no cover - compiled
         return ambient + diffuse * facing, 0.0
     towards = n[0] * view[0] + n[1] * view[1] + n[2] * view[2]
     mirrored = 2.0 * facing * towards - (light[0] * view[0] + light[1] * view[1] + light[2] * view[2])
-    return ambient + diffuse * facing, (specular * mirrored**shininess if mirrored > 0.0 else 0.0)
+    return ambient + diffuse * facing, (specular * power(mirrored, shininess) if mirrored > 0.0 else 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def surface_light(x, y, t, pinhole, pills, k, look):  # pragma: no cover - compiled
     """Body and gloss light of a hit; twin: `synth.shading.surface`."""
     mode, coefficients, light, counts = look
@@ -164,20 +176,15 @@ def surface_light(x, y, t, pinhole, pills, k, look):  # pragma: no cover - compi
     return point_light(n, (x * s, y * s, s), coefficients, light)
 
 
-@njit(cache=True)
-def surface_key(x, y, t, pinhole, pills, k, look):  # pragma: no cover - compiled
-    """Number that changes wherever the image may jump: pill or facet, -1 on the background; twin: `synth.shading.surface`."""
-    mode, _, _, counts = look
-    if k < 0 or mode == BINARY:
-        return min(k, 0)
-    if mode != FLAT:
-        return k
+@njit(cache=True, error_model="numpy")
+def facet_key(x, y, t, pinhole, pills, k, counts):  # pragma: no cover - compiled
+    """Number of the facet that a hit lies in; twin: `synth.shading.surface`."""
     ring, sector = facet_place(x, y, t, pill_normal(x, y, t, pinhole, pills, k), pinhole, pills, k, counts)
     rings = 2 * counts[0] + counts[1]
     return (k * rings + min(int(ring), rings - 1)) * counts[2] + min(int(sector), counts[2] - 1)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def first_pill(x, y, pinhole, pills, chosen, count):  # pragma: no cover - compiled
     """Depth and number (-1 where missed) of the first of some pills on a ray; twin: `synth.raycast.first_hits`."""
     best, pill = math.inf, -1
@@ -188,14 +195,16 @@ def first_pill(x, y, pinhole, pills, chosen, count):  # pragma: no cover - compi
     return best, pill
 
 
-@njit(cache=True)
-def key_at(x, y, pinhole, pills, chosen, count, look):  # pragma: no cover - compiled
-    """Key of what a ray sees."""
+@njit(cache=True, error_model="numpy", inline="always")
+def key_at(x, y, pinhole, pills, chosen, count, mode, counts):  # pragma: no cover - compiled
+    """Number that changes wherever the image may jump: pill or facet, -1 on the background."""
     t, pill = first_pill(x, y, pinhole, pills, chosen, count)
-    return surface_key(x, y, t, pinhole, pills, pill, look)
+    if mode == FLAT and pill >= 0:
+        return facet_key(x, y, t, pinhole, pills, pill, counts)
+    return pill if mode != BINARY else min(pill, 0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def covered(middle, slope):  # pragma: no cover - compiled
     """Area of the unit pixel left of the line x = middle + slope y; twin and derivation: `synth.edges.covered`."""
     if abs(slope) < 1e-6:
@@ -207,29 +216,32 @@ def covered(middle, slope):  # pragma: no cover - compiled
     return 0.5 + total / slope
 
 
-@njit(cache=True)
-def crossing(x, y, ax, ay, pinhole, pills, chosen, count, look):  # pragma: no cover - compiled
+@njit(cache=True, error_model="numpy")
+def crossing(x, y, ax, ay, pinhole, pills, chosen, count, mode, counts):  # pragma: no cover - compiled
     """Keys at both ends of a line from -1 to 1, and where the first key ends (1 where both agree)."""
-    first = key_at(x - ax, y - ay, pinhole, pills, chosen, count, look)
-    last = key_at(x + ax, y + ay, pinhole, pills, chosen, count, look)
-    if first == last:
-        return first, last, 1.0
-    low, high = -1.0, 1.0
-    for _ in range(HALVINGS):
-        cut = 0.5 * (low + high)
-        if key_at(x + cut * ax, y + cut * ay, pinhole, pills, chosen, count, look) == first:
+    low, high, first, last = -1.0, 1.0, 0, 0
+    for i in range(HALVINGS + 2):
+        cut = 0.5 * (low + high) if i > 1 else (-1.0 if i == 0 else 1.0)
+        key = key_at(x + cut * ax, y + cut * ay, pinhole, pills, chosen, count, mode, counts)
+        if i == 0:
+            first = key
+        elif i == 1:
+            last = key
+            if first == last:
+                return first, last, 1.0
+        elif key == first:
             low = cut
         else:
             high = cut
     return first, last, 0.5 * (low + high)
 
 
-@njit(cache=True)
-def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, behind, total):  # pragma: no cover - compiled
+@njit(cache=True, error_model="numpy")
+def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total):  # pragma: no cover
     """Mean of the image over one pixel cut by one straight edge, into `total`; twin and rule: `synth.edges`."""
     ax, ay, bx, by = axes
-    f0, l0, c0 = crossing(gx - GAUSS * bx, gy - GAUSS * by, ax, ay, pinhole, pills, chosen, count, look)
-    f1, l1, c1 = crossing(gx + GAUSS * bx, gy + GAUSS * by, ax, ay, pinhole, pills, chosen, count, look)
+    f0, l0, c0 = crossing(gx - GAUSS * bx, gy - GAUSS * by, ax, ay, pinhole, pills, chosen, count, look[0], look[3])
+    f1, l1, c1 = crossing(gx + GAUSS * bx, gy + GAUSS * by, ax, ay, pinhole, pills, chosen, count, look[0], look[3])
     if f0 == l0 and f1 != l1 and f0 == l1:
         c0 = -1.0
     if f1 == l1 and f0 != l0 and f1 == l0:
@@ -240,6 +252,10 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, behind,
     for side in range(2):
         share = area if side == 0 else 1.0 - area
         if share <= 0.0:
+            continue
+        if (f0 if side == 0 else l0) < 0 and (f1 if side == 0 else l1) < 0:
+            for c in range(total.shape[0]):
+                total[c] += share * out[v, u, c]
             continue
         w0 = 0.5 + (c0 if side == 0 else -c0)
         w1 = 0.5 + (c1 if side == 0 else -c1)
@@ -258,29 +274,30 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, behind,
                 weight = 0.5 * share * w / (w0 + w1)
                 if pill < 0:
                     for c in range(total.shape[0]):
-                        total[c] += weight * behind[c]
+                        total[c] += weight * out[v, u, c]
                     continue
                 body, gloss = surface_light(x, y, t, pinhole, pills, pill, look)
                 for c in range(total.shape[0]):
                     total[c] += weight * (albedo[pill, c] * body + gloss)
 
 
-@njit(cache=True)
-def key_pixels(grid, pinhole, pills, span, depth, part, look, keys):  # pragma: no cover - compiled
-    """Key of every pixel centre inside the span (x0, x1, y0, y1)."""
+@njit(cache=True, error_model="numpy")
+def key_pixels(grid, pinhole, pills, span, depth, part, counts, keys):  # pragma: no cover - compiled
+    """Facet of every pixel centre inside the span (x0, x1, y0, y1); `part` and `keys` have a border one pixel wide."""
     for v in range(span[2], span[3]):
         for u in range(span[0], span[1]):
-            x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
-            keys[v, u] = surface_key(x, y, depth[v, u], pinhole, pills, part[v, u], look)
+            x, y, pill = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], part[v + 1, u + 1]
+            if pill >= 0:
+                keys[v + 1, u + 1] = facet_key(x, y, depth[v, u], pinhole, pills, pill, counts)
 
 
-@njit(cache=True)
-def seen_near(part, rows, cols, chosen):  # pragma: no cover - compiled
-    """Number of different pills seen in a block of pixels; they go to `chosen` in rising order."""
+@njit(cache=True, error_model="numpy")
+def seen_near(part, v, u, chosen):  # pragma: no cover - compiled
+    """Number of different pills among a pixel and its neighbours; they go to `chosen` in rising order."""
     count = 0
-    for v in range(rows[0], rows[1] + 1):
-        for u in range(cols[0], cols[1] + 1):
-            pill, at = part[v, u], 0
+    for row in range(v, v + 3):
+        for col in range(u, u + 3):
+            pill, at = part[row, col], 0
             while at < count and chosen[at] < pill:
                 at += 1
             if pill < 0 or (at < count and chosen[at] == pill):
@@ -292,45 +309,43 @@ def seen_near(part, rows, cols, chosen):  # pragma: no cover - compiled
     return count
 
 
-@njit(cache=True)
-def edge_direction(keys, v, u, rows, cols):  # pragma: no cover - compiled
-    """Whether any of a pixel's neighbours differs, and how many more changes run along x than along y."""
-    key, even, votes = keys[v, u], True, 0
-    for row in (rows[0], v, rows[1]):
-        left, right = keys[row, cols[0]], keys[row, cols[1]]
-        even = even and left == key and keys[row, u] == key and right == key
-        votes += left != right
-    for col in (cols[0], u, cols[1]):
-        votes -= keys[rows[0], col] != keys[rows[1], col]
-    return not even, votes
+@njit(cache=True, error_model="numpy", inline="always")
+def is_edge(keys, v, u):  # pragma: no cover - compiled
+    """Whether any of a pixel's eight neighbours has another key; `keys` has a border one pixel wide."""
+    key = keys[v + 1, u + 1]
+    differs = (keys[v, u] ^ key) | (keys[v, u + 1] ^ key) | (keys[v, u + 2] ^ key)
+    differs |= (keys[v + 1, u] ^ key) | (keys[v + 1, u + 2] ^ key)
+    differs |= (keys[v + 2, u] ^ key) | (keys[v + 2, u + 1] ^ key) | (keys[v + 2, u + 2] ^ key)
+    return differs != 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def pixel_axes(grid, keys, v, u):  # pragma: no cover - compiled
+    """Steps in normalised coordinates along the lines across a pixel's edge, and from line to line."""
+    votes = 0
+    for i in range(3):
+        votes += keys[v + i, u] != keys[v + i, u + 2]
+        votes -= keys[v, u + i] != keys[v + 2, u + i]
+    ax, ay = 0.5 * (grid[v + 1, u + 2, 0] - grid[v + 1, u, 0]), 0.5 * (grid[v + 1, u + 2, 1] - grid[v + 1, u, 1])
+    bx, by = 0.5 * (grid[v + 2, u + 1, 0] - grid[v, u + 1, 0]), 0.5 * (grid[v + 2, u + 1, 1] - grid[v, u + 1, 1])
+    return (ax, ay, bx, by) if votes >= 0 else (bx, by, ax, ay)
+
+
+@njit(cache=True, error_model="numpy")
 def shade_pixels(grid, pinhole, pills, span, depth, part, look, albedo, keys, out):  # pragma: no cover - compiled
     """Shade every pixel: its centre inside a surface, its integral at edges; twin: `synth.render.shade_numpy`."""
-    height, width = part.shape
-    chosen, total = np.empty(min(pills.shape[0], 9), np.int64), np.empty(out.shape[2])
-    key_pixels(grid, pinhole, pills, span, depth, part, look, keys)
+    chosen, total = np.empty(9, np.int64), np.empty(out.shape[2])
     for v in range(span[2], span[3]):
-        rows = (max(v - 1, 0), min(v + 1, height - 1))
         for u in range(span[0], span[1]):
-            cols = (max(u - 1, 0), min(u + 1, width - 1))
-            edge, votes = edge_direction(keys, v, u, rows, cols)
-            x, y = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1]
-            pill = part[v, u]
-            if not edge and pill >= 0:
+            x, y, pill = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], part[v + 1, u + 1]
+            if is_edge(keys, v, u):
+                count = seen_near(part, v, u, chosen)
+                total[:] = 0.0
+                axes = pixel_axes(grid, keys, v, u)
+                integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
+                for c in range(out.shape[2]):
+                    out[v, u, c] = total[c]
+            elif pill >= 0:
                 body, gloss = surface_light(x, y, depth[v, u], pinhole, pills, pill, look)
                 for c in range(out.shape[2]):
                     out[v, u, c] = albedo[pill, c] * body + gloss
-            if not edge:
-                continue
-            count = seen_near(part, rows, cols, chosen)
-            ax = 0.5 * (grid[v + 1, u + 2, 0] - grid[v + 1, u, 0])
-            ay = 0.5 * (grid[v + 1, u + 2, 1] - grid[v + 1, u, 1])
-            bx = 0.5 * (grid[v + 2, u + 1, 0] - grid[v, u + 1, 0])
-            by = 0.5 * (grid[v + 2, u + 1, 1] - grid[v, u + 1, 1])
-            axes = (ax, ay, bx, by) if votes >= 0 else (bx, by, ax, ay)
-            total[:] = 0.0
-            integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out[v, u], total)
-            for c in range(out.shape[2]):
-                out[v, u, c] = total[c]

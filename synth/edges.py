@@ -36,11 +36,11 @@ class EdgePixels:
 
 
 def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pills: int) -> EdgePixels:
-    """Pixels whose key differs from that of any of their eight neighbours.
+    """Pixels whose key differs from that of any of their eight neighbours; outside the image lies background.
 
     Lines run along x where more keys change from left to right than from top to bottom.
     """
-    padded = np.pad(keys, 1, mode="edge")
+    padded = np.pad(keys, 1, constant_values=-1)
     height, width = keys.shape
     low = high = keys
     for dv in range(3):
@@ -53,7 +53,7 @@ def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pill
         votes += padded[v + i, u] != padded[v + i, u + 2]
         votes -= padded[v, u + i] != padded[v + 2, u + i]
     seen = np.zeros((u.size, pills + 1), dtype=bool)
-    parts = np.pad(part, 1, mode="edge")
+    parts = np.pad(part, 1, constant_values=-1)
     for i in range(9):
         seen[np.arange(u.size), parts[v + i // 3, u + i % 3]] = True  # the background, -1, goes to the spare column
     return EdgePixels(u, v, votes >= 0, seen[:, :-1])
@@ -112,7 +112,9 @@ def integrate_numpy(
     c1 = np.where((whole1 & ~whole0 & (f1 == l0)) | (whole0 & whole1 & (f0 != f1)), -1.0, c1)
     area = covered(0.5 * (c0 + c1), 0.5 * (c1 - c0) / GAUSS)
     total = np.zeros(behind.shape)
-    for share, sense in ((area, 1.0), (1.0 - area, -1.0)):
+    for share, sense, key0, key1 in ((area, 1.0, f0, f1), (1.0 - area, -1.0, l0, l1)):
+        empty = ((key0 < 0) & (key1 < 0))[:, None]
+        mean = np.zeros(behind.shape)
         w0, w1 = np.clip(0.5 + sense * c0, 0.0, 1.0), np.clip(0.5 + sense * c1, 0.0, 1.0)
         corner = w0 + w1 <= 0.0
         first_line = (c0 > c1) == (sense > 0)
@@ -121,7 +123,8 @@ def integrate_numpy(
             for sign in (-1.0, 1.0):
                 pill, _, lit = sample(sense * (-0.5 + w * (0.5 + sign * GAUSS)), offset)
                 value = np.where(pill[:, None] < 0, behind, albedo[pill] * lit[:, :1] + lit[:, 1:])
-                total += (np.maximum(share, 0.0) * 0.5 * w / (w0 + w1))[:, None] * value
+                mean += (0.5 * w / (w0 + w1))[:, None] * value
+        total += share[:, None] * np.where(empty, behind, mean)
     return total
 
 

@@ -175,9 +175,10 @@ def hull_box(boxes: Int[np.ndarray, "l 4"], camera: Camera) -> tuple[int, int, i
 
 def cast_depth(
     table: Float[np.ndarray, "l p"], boxes: Int[np.ndarray, "l 4"], camera: Camera
-) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
-    """Depth and part of every pixel centre, from the rows of `pill_table` and the boxes of `pill_boxes`."""
-    depth, part = np.full((camera.height, camera.width), np.inf), np.full((camera.height, camera.width), -1, np.int32)
+) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "hp wp"]]:
+    """Depth of every pixel centre, and its part with a border of -1 one pixel wide, from `pill_table` and `pill_boxes`."""
+    depth = np.full((camera.height, camera.width), np.inf)
+    part = np.full((camera.height + 2, camera.width + 2), -1, dtype=np.int32)
     _kernels.cast_pixels(pixel_grid(camera), camera.kind == "perspective", table, boxes, depth, part)
     return depth, part
 
@@ -205,10 +206,10 @@ def cast(pills: Pills, camera: Camera) -> RenderBuffers:
     """
     table, boxes = pill_table(pills), pill_boxes(pills, camera)
     depth, part = cast_depth(table, boxes, camera)
-    normal = np.zeros((*part.shape, 3))
+    normal = np.zeros((*depth.shape, 3))
     pinhole, span = camera.kind == "perspective", hull_box(boxes, camera)
     _kernels.normal_pixels(pixel_grid(camera), pinhole, table, span, depth, part, normal)
-    return RenderBuffers(depth, part, normal)
+    return RenderBuffers(depth, part[1:-1, 1:-1].copy(), normal)
 
 
 def cast_numpy(pills: Pills, camera: Camera) -> RenderBuffers:

@@ -59,18 +59,13 @@ def render(
     boxes = pill_boxes(pills, camera)
     rows = np.hstack([look.rows, look.facets.reshape(look.rows.shape[0], -1)])
     depth, part = cast_depth(rows, boxes, camera)
-    _kernels.shade_pixels(
-        pixel_grid(camera),
-        camera.kind == "perspective",
-        rows,
-        hull_box(boxes, camera),
-        depth,
-        part,
-        (look.mode, look.coefficients, tuple(look.light.tolist()), look.counts),
-        albedo,
-        np.full(part.shape, -1, dtype=np.int32),
-        out,
-    )
+    grid, pinhole, span = pixel_grid(camera), camera.kind == "perspective", hull_box(boxes, camera)
+    numbers = (look.mode, look.coefficients, tuple(look.light.tolist()), look.counts)
+    keys = np.minimum(part, 0) if look.mode == _kernels.BINARY else part
+    if look.mode == _kernels.FLAT:
+        keys = part.copy()
+        _kernels.key_pixels(grid, pinhole, rows, span, depth, part, look.counts, keys)
+    _kernels.shade_pixels(grid, pinhole, rows, span, depth, part, numbers, albedo, keys, out)
     return out if colour else out[..., 0]
 
 

@@ -156,7 +156,7 @@ def test_a_model_out_of_the_image_teaches_nothing(before):
     clip = scene(0)
     picture, pills = image(clip, 0), posed(clip, 0)
     previous = learn(picture, pills, clip.camera) if before else None
-    away = Pills(pills.base + [1e4, 0.0, 0.0], pills.tip + [1e4, 0.0, 0.0], pills.radius)
+    away = Pills(pills.base + 1e4 * np.eye(3)[0], pills.tip + 1e4 * np.eye(3)[0], pills.radius)
     known = learn(picture, away, clip.camera, previous)
     assert np.isfinite(known.shading).all() and known.noise > 0.0
     if previous is not None:

@@ -112,9 +112,10 @@ def test_points_behind_a_perspective_camera_are_nan_and_leave_the_others_alone()
 
 
 @given(
-    st.floats(-0.4, 0.4), st.floats(-0.4, 0.4),
-    st.tuples(st.floats(-0.2, 0.2), st.floats(-0.1, 0.1), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.floats(-0.05, 0.05)),
-)  # fmt: skip
+    st.floats(-0.4, 0.4),
+    st.floats(-0.4, 0.4),
+    st.tuples(*(st.floats(-most, most) for most in (0.2, 0.1, 0.01, 0.01, 0.05))),
+)
 @settings(deadline=None)
 def test_undistort_undoes_distort_to_rounding(x, y, k):
     slope, k = np.array([x, y]), np.array(k)

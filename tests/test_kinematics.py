@@ -116,7 +116,7 @@ def test_frames_are_rigid_and_links_keep_their_length(model):
     R = frames[..., :3, :3]
     np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
-    np.testing.assert_array_equal(frames[..., 3, :], np.broadcast_to([0, 0, 0, 1], frames.shape[:-2] + (4,)))
+    np.testing.assert_array_equal(frames[..., 3, :], np.broadcast_to([0, 0, 0, 1], (*frames.shape[:-2], 4)))
     base, tip = link_ends(model, frames)
     length = np.broadcast_to(model.link_length, base.shape[:-1])
     np.testing.assert_allclose(np.linalg.norm(tip - base, axis=-1), length, rtol=1e-12)
@@ -253,7 +253,11 @@ def test_full_hand_has_five_fingers_of_three_links():
     assert model.link_is_tip.tolist() == [False, False, True] * 5
     assert model.link_parent.reshape(5, 3).tolist() == [[-1, 3 * i, 3 * i + 1] for i in range(5)]
     # Each link hangs on the frame of the link below, frames without a body between them or not.
-    assert [model.joint_names[model.joint[i]] for i in model.link_frame[12:]] == ["thumb_radial", "thumb_mcp", "thumb_ip"]
+    assert [model.joint_names[model.joint[i]] for i in model.link_frame[12:]] == [
+        "thumb_radial",
+        "thumb_mcp",
+        "thumb_ip",
+    ]
 
 
 def test_a_link_shared_by_two_tips_is_a_group_of_its_own():

@@ -13,7 +13,9 @@ from handtrack.pills import Pills, clearance, pose_pills, ray_hits, ray_hits_num
 EYE, ZERO = np.eye(3), np.zeros(3)
 CAMERAS = {
     "orthographic": orthographic(320, 240, 1.5, 160.0, 120.0, EYE, ZERO),
-    "perspective": perspective(320, 240, 450.0, 470.0, 160.0, 120.0, EYE, ZERO, np.array([0.1, -0.1, 1e-3, -2e-3, 0.0])),
+    "perspective": perspective(
+        320, 240, 450.0, 470.0, 160.0, 120.0, EYE, ZERO, np.array([0.1, -0.1, 1e-3, -2e-3, 0.0])
+    ),
 }
 cameras = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 GOLDEN = 0.5 * (5**0.5 - 1)
@@ -126,9 +128,12 @@ def number(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 @given(
-    start=st.tuples(*[number(-60, 60)] * 3), aim=st.tuples(*[number(-12, 12)] * 3), tip=st.tuples(*[number(-30, 30)] * 3),
-    radius=st.tuples(number(0.5, 15), number(0.5, 15)), speed=number(0.1, 9),
-)  # fmt: skip
+    start=st.tuples(*[number(-60, 60)] * 3),
+    aim=st.tuples(*[number(-12, 12)] * 3),
+    tip=st.tuples(*[number(-30, 30)] * 3),
+    radius=st.tuples(number(0.5, 15), number(0.5, 15)),
+    speed=number(0.1, 9),
+)
 @settings(max_examples=150, deadline=None)
 def test_any_ray_from_outside_hits_where_it_first_touches(start, aim, tip, radius, speed):
     pills = Pills(np.zeros((1, 3)), np.array([tip]), np.array([radius]))

@@ -184,7 +184,7 @@ def test_side_samplers_are_spread_evenly_about_as_far_apart_as_wanted():
 
 def test_links_behind_the_camera_get_no_samplers():
     base = np.array([[0.0, 0.0, -300.0], [0.0, 0.0, 300.0]])
-    pills = Pills(base, base + [40.0, 0.0, 0.0], np.full((2, 2), 6.0))
+    pills = Pills(base, base + 40.0 * np.eye(3)[0], np.full((2, 2), 6.0))
     assert set(place_outline(pills, CAMERAS["perspective"], np.ones(2, dtype=bool)).link) == {1}
 
 
@@ -216,7 +216,11 @@ def test_a_link_seen_end_on_has_no_samplers_across():
 def test_tip_samplers_head_along_their_line():
     pills = random_pills(8)
     samplers = place_tips(
-        pills, CAMERAS["perspective"], np.array([2, 5]), np.array([[9.0, 4.0], [1.0, 2.0]]), np.array([[3.0, 4.0], [-2.0, 0.0]])
+        pills,
+        CAMERAS["perspective"],
+        np.array([2, 5]),
+        np.array([[9.0, 4.0], [1.0, 2.0]]),
+        np.array([[3.0, 4.0], [-2.0, 0.0]]),
     )
     np.testing.assert_allclose(samplers.direction, [[0.6, 0.8], [-1.0, 0.0]])
     assert samplers.kind.tolist() == [CAP, CAP] and samplers.link.tolist() == [2, 5]

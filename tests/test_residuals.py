@@ -41,7 +41,11 @@ def sliding_finger() -> Model:
     return model_from_rows("sliding", table, [Coupling("dip", "pip", 0.67, 0.1)])
 
 
-MODELS = {"two_finger": builtin_model("two_finger"), "full_hand": builtin_model("full_hand"), "sliding": sliding_finger()}
+MODELS = {
+    "two_finger": builtin_model("two_finger"),
+    "full_hand": builtin_model("full_hand"),
+    "sliding": sliding_finger(),
+}
 
 
 def camera_of(kind: str) -> Camera:
@@ -124,7 +128,9 @@ def test_kernel_and_numpy_twin_of_the_outline_agree(name, kind):
         offset = np.random.default_rng(seed).normal(0, 8, samplers.link.size)
         features = features_at(on, samplers, offset)
         away = u + np.random.default_rng(seed).normal(0, 0.1, u.size)
-        for one, two in zip(outline_residuals(on, features, away), outline_residuals_numpy(on, features, away), strict=True):
+        for one, two in zip(
+            outline_residuals(on, features, away), outline_residuals_numpy(on, features, away), strict=True
+        ):
             np.testing.assert_allclose(one, two, rtol=1e-7, atol=1e-7)
 
 
@@ -175,11 +181,16 @@ def test_link_residual_is_the_distance_of_axis_points_from_the_line():
     # Second link upright from (5, 0): points at a quarter and the end of it are (5, 1.25) and (5, 5).
     # Line 0.6 x + 0.8 y = 3: eq. (3.2) by hand gives 1.0 and 4.0; (3.7) for the gradient.
     features = line_features(
-        line_link=np.array([1]), line=np.array([[0.6, 0.8, 3.0]]), along=np.array([[0.25, 1.0]]), line_sigma=np.array([[1.0, 0.5]])
+        line_link=np.array([1]),
+        line=np.array([[0.6, 0.8, 3.0]]),
+        along=np.array([[0.25, 1.0]]),
+        line_sigma=np.array([[1.0, 0.5]]),
     )
     r, J = line_residuals(chain(STICKS, FLAT), features, np.array([0.0, math.pi / 2]))
     np.testing.assert_allclose(r, [1.0, 8.0], atol=1e-12)
-    np.testing.assert_allclose(J, [[0.8 * 5 - 0.6 * 1.25, -0.6 * 1.25], [2 * (0.8 * 5 - 0.6 * 5), -2 * 0.6 * 5]], atol=1e-12)
+    np.testing.assert_allclose(
+        J, [[0.8 * 5 - 0.6 * 1.25, -0.6 * 1.25], [2 * (0.8 * 5 - 0.6 * 5), -2 * 0.6 * 5]], atol=1e-12
+    )
 
 
 def random_lines(on: Chain, rng: np.random.Generator) -> LineFeatures:
@@ -216,7 +227,9 @@ def test_lines_through_the_projected_axes_leave_no_residual(kind):
     features = random_lines(on, np.random.default_rng(1))
     line = np.column_stack([normal, (normal * base).sum(axis=1)])
     tips = on.model.link_is_tip
-    features = LineFeatures(features.line_link, line, features.along, features.line_sigma, features.tip_link, tip[tips], features.tip_sigma)
+    features = LineFeatures(
+        features.line_link, line, features.along, features.line_sigma, features.tip_link, tip[tips], features.tip_sigma
+    )
     np.testing.assert_allclose(line_residuals(on, features, u)[0], 0.0, atol=1e-9)
 
 

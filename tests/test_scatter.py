@@ -81,7 +81,7 @@ def test_shares_grow_with_the_offset_and_unit_vectors_have_unit_length():
 
 
 def problem(rng: np.random.Generator, n: int = 90, k: int = 6, groups: int = 14):
-    """Sigmas, groups, and a Jacobian in units of sigma whose rows are alike within a group, as on one side of a link."""
+    """Sigmas, groups, and a Jacobian in units of sigma with like rows within a group, as on one side of a link."""
     group = np.concatenate([np.arange(groups), rng.integers(0, groups, n - groups)])
     sigma = rng.uniform(0.03, 0.12, n)
     side = rng.normal(size=(groups, k))

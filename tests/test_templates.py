@@ -38,7 +38,9 @@ def crossing(seed: int, projection: str = "orthographic") -> Scene:
     return two_finger_crossing(seed, frames=40, projection=projection, max_speed=6.0)
 
 
-def hit_groups(pills: Pills, camera: Camera, samplers: Samplers, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def hit_groups(
+    pills: Pills, camera: Camera, samplers: Samplers, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Finger (-1: background), depth and pill that the ray at each position u sees."""
     xy = samplers.origin[:, None] + u[None, :, None] * samplers.direction[:, None]
     hits = ray_hits(pills, *rays(camera, xy.reshape(-1, 2)))
@@ -52,7 +54,12 @@ def outline(clip: Scene, frame: int) -> tuple[Pills, Samplers]:
     return pills, place_outline(pills, clip.camera, clip.model.link_is_tip)
 
 
-CASES = [(seed, projection, frame) for seed in (0, 1) for projection in ("orthographic", "perspective") for frame in (0, 12, 33)]
+CASES = [
+    (seed, projection, frame)
+    for seed in (0, 1)
+    for projection in ("orthographic", "perspective")
+    for frame in (0, 12, 33)
+]
 cases = pytest.mark.parametrize(("seed", "projection", "frame"), CASES)
 
 
@@ -75,7 +82,9 @@ def test_kernel_and_numpy_twin_expect_the_same(name, kind):
         t = np.array([0.0, 0.0, 400.0]) - R @ [0.0, 60.0, 0.0]
         camera = orthographic(640, 480, 2.5, 320.0, 240.0, R, t)
         if kind == "perspective":
-            camera = perspective(640, 480, 900.0, 910.0, 320.0, 240.0, R, t, bent * np.array([1.0, -1.0, 0.01, -0.02, 0.1]))
+            camera = perspective(
+                640, 480, 900.0, 910.0, 320.0, 240.0, R, t, bent * np.array([1.0, -1.0, 0.01, -0.02, 0.1])
+            )
         low, high = model.limits.T
         pills = pose_pills(model, forward(model, rng.uniform(low, high)), camera)
         samplers = place_outline(pills, camera, model.link_is_tip)
@@ -104,7 +113,9 @@ def test_hidden_is_where_another_finger_is_in_front():
         pills, samplers = outline(clip, frame)
         state = expect(samplers, pills, FINGERS, clip.camera, plain(6)).state
         own = FINGERS[samplers.link]
-        (inner, outer), depth, _ = (np.moveaxis(x, 1, 0) for x in hit_groups(pills, clip.camera, samplers, np.array([-0.75, 0.75])))
+        (inner, outer), depth, _ = (
+            np.moveaxis(x, 1, 0) for x in hit_groups(pills, clip.camera, samplers, np.array([-0.75, 0.75]))
+        )
         covered = (inner != own) | ((outer >= 0) & (outer != own) & (depth[1] < depth[0]))
         np.testing.assert_array_equal(state == HIDDEN, covered)
         front = samplers.contact[:, 2] - depth.min(axis=0)
@@ -114,7 +125,7 @@ def test_hidden_is_where_another_finger_is_in_front():
 
 
 def straight_finger(camera: Camera) -> tuple[Pills, Samplers]:
-    """Three links in a row, each 2 mm thinner than the one before, so that its start is inside the thicker one's cap."""
+    """Three links in a row, each 2 mm thinner than the one before: its start is inside the thicker one's cap."""
     base = np.array([[0.0, 0.0, 300.0], [40.0, 0.0, 300.0], [70.0, 0.0, 300.0]])
     tip = np.array([[40.0, 0.0, 300.0], [70.0, 0.0, 300.0], [90.0, 0.0, 300.0]])
     pills = Pills(base, tip, np.array([[10.0, 10.0], [8.0, 8.0], [6.0, 6.0]]))
@@ -126,7 +137,9 @@ def test_no_edge_is_expected_at_knuckles():
     pills, samplers = straight_finger(camera)
     state = expect(samplers, pills, np.zeros(3, dtype=int), camera, plain(3)).state
     for link in (1, 2):
-        reach = np.sqrt(pills.radius[link - 1, 1] ** 2 - pills.radius[link, 0] ** 2)  # of the thicker cap over this side
+        reach = np.sqrt(
+            pills.radius[link - 1, 1] ** 2 - pills.radius[link, 0] ** 2
+        )  # of the thicker cap over this side
         x = samplers.contact[:, 0] - pills.base[link, 0]
         chosen = (samplers.link == link) & (samplers.kind == SIDE)
         assert (state[chosen & (x < reach - 0.5)] == JOINT).all() and (chosen & (x < reach - 0.5)).any()
@@ -198,7 +211,9 @@ def test_an_unoccluded_pill_is_seen_in_the_whole_window():
 def test_the_edge_of_a_template_is_blurred_like_an_image(step, tolerance):
     camera = perspective(320, 240, 500.0, 500.0, 160.0, 120.0, EYE, ZERO)
     pills = Pills(np.array([[-20.0, -3.0, 300.0]]), np.array([[30.0, 8.0, 310.0]]), np.array([[12.0, 10.0]]))
-    image = render(pills, camera, Material(np.full((1, 3), 200.0)), Light(np.array([0.0, 0.0, -1.0])), "binary", background=10.0)
+    image = render(
+        pills, camera, Material(np.full((1, 3), 200.0)), Light(np.array([0.0, 0.0, -1.0])), "binary", background=10.0
+    )
     samplers = place_outline(pills, camera, np.array([True]), spacing=1.5, most=60)
     found = expect(samplers, pills, np.array([0]), camera, plain(1), step=step)
     difference = sample(image, samplers, found.u).values - found.values

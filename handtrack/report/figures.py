@@ -12,7 +12,7 @@ from ..kinematics import Model
 from ..sequences import Truth
 from ..track import Track
 from .fingers import Finger, fingers_of, short_name
-from .plots import Frame, Series, chart, padded_limits
+from .plots import Frame, Series, chart, mirrored_ticks, padded_limits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +108,8 @@ def _error(name: str, joints: Joints, finger: Finger, place: int, joint: int, fr
     reach = 1.08 * max(usual, largest, 1e-3)
     band = Series(label, style, np.zeros(sigma.size), sigma)
     drawn = [band] if error is None else [band, Series(label, style, error)]
-    markup = chart(name, frame, drawn, (-reach, reach), joints.unit(joint), kind="low", ticks=2, time_axis=last)
+    limits, marks = (-reach, reach), mirrored_ticks(reach)
+    markup = chart(name, frame, drawn, limits, joints.unit(joint), kind="low", marks=marks, time_axis=last)
     series = Series(label, style, np.full(sigma.size, np.nan) if error is None else error, sigma)
     return Figure(name, markup, joints.unit(joint), (series,))
 
@@ -118,13 +119,13 @@ def _error_row(
 ) -> str:
     name = html.escape(short_name(joints.model.joint_names[joint], finger))
     unit = html.escape(joints.unit(joint))
-    facts = f"sigma <b>{np.median(joints.sigma[:, joint]):.2f}{unit}</b>"
+    facts = f"sigma {np.median(joints.sigma[:, joint]):.2f}{unit}"
     if evaluation is not None and np.isfinite(evaluation.rmse[joint]):
         rmse = evaluation.rmse[joint] * (1.0 if joints.prismatic[joint] else 180.0 / np.pi)
-        facts = (
-            f"RMSE <b>{rmse:.2f}{unit}</b><br>within 2 sigma <b>{100 * evaluation.coverage_2sigma[joint]:.0f}\N{NO-BREAK SPACE}%</b>"
-        )
-    return f'<div class="row"><span class="label c{place % 6}">{name}</span>{figure.html}<span class="facts">{facts}</span></div>'
+        inside = 100 * evaluation.coverage_2sigma[joint]
+        facts = f"RMSE {rmse:.2f}{unit}<br>{inside:.0f}\N{NO-BREAK SPACE}% within 2 sigmas"
+    label = f'<b class="c{place % 6}">{name}</b>'
+    return f'<div class="row">{figure.html}<span class="facts">{label} {facts}</span></div>'
 
 
 def quality_figures(track: Track, frame: Frame) -> list[Figure]:
@@ -157,5 +158,6 @@ def visibility_rows(track: Track, joints: Joints, frame: Frame) -> tuple[str, li
             figures.append(Figure(name, markup, " %", series))
             label = f"{html.escape(finger.name)} {place + 1}"
             share = f"{100 * track.visible[:, link].mean():.0f}\N{NO-BREAK SPACE}%"
-            rows.append(f'<div class="row"><span class="label">{label}</span>{markup}<span class="facts">{share}</span></div>')
+            facts = f'<span class="facts"><b>{label}</b> {share}</span>'
+            rows.append(f'<div class="row">{markup}{facts}</div>')
     return f'<div class="rows">{"".join(rows)}</div>', figures

@@ -25,7 +25,7 @@ from ..track import Track
 from .figures import Figure, Joints, finger_section, joints_of, quality_figures, visibility_rows
 from .fingers import STATUS_COLOURS, finger_colour, short_name
 from .plots import Frame, status_spans
-from .tiles import evaluation_tiles, track_tiles
+from .tiles import summary_tiles
 
 _CAPTIONS = (
     ("residual", "Distance of the accepted edge points from the outline, RMS"),
@@ -108,13 +108,14 @@ def render_page(
     quality = quality_figures(track, frame)
     visibility, visible_figures = visibility_rows(track, joints, frame)
     figures = [figure for _, group in sections for figure in group] + quality + visible_figures
-    tiles = track_tiles(track, joints) + ([] if evaluation is None else evaluation_tiles(evaluation))
+    tiles = summary_tiles(track, joints, evaluation)
     return Template(_asset("page.html")).substitute(
         title=html.escape(run.title),
         subtitle=html.escape(_subtitle(track, model, camera)),
         style=_asset("page.css") + _colour_rules(len(joints.fingers)),
         warnings="".join(f'<p class="warning">{html.escape(text)}</p>' for text in run.warnings),
         tiles="".join(tiles),
+        tile_count=len(tiles),
         video=_video(video, camera),
         scrub=_scrub(frame),
         now=_now_table(joints, [figure for _, group in sections for figure in group]),

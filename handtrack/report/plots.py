@@ -46,6 +46,7 @@ def chart(
     *,
     kind: str = "",
     ticks: int = 4,
+    marks: Float[np.ndarray, " k"] | None = None,
     filled: bool = False,
     labels: bool = False,
     time_axis: bool = True,
@@ -64,6 +65,8 @@ def chart(
         Extra CSS class, which sets the height.
     ticks : int
         About how many horizontal lines.
+    marks : (k,), optional
+        Where to draw the horizontal lines instead.
     filled : bool
         Fill the area under the curves instead of drawing sigmas.
     labels : bool
@@ -72,7 +75,7 @@ def chart(
         Write the seconds below.
     """
     x = positions(frame.time, *time_range(frame.time))
-    marks = tick_values(*limits, ticks)
+    marks = tick_values(*limits, ticks) if marks is None else marks
     times = tick_values(*time_range(frame.time), 6)
     parts = [f'<div class="chart {kind}" data-chart="{html.escape(name)}">']
     parts.append('<svg viewBox="0 0 1000 1000" preserveAspectRatio="none" aria-hidden="true">')
@@ -213,6 +216,17 @@ def tick_values(low: float, high: float, count: int) -> Float[np.ndarray, " k"]:
     step = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= raw * (1 - 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return np.arange(first, last + 1) * step
+
+
+def mirrored_ticks(reach: float) -> Float[np.ndarray, " 3"]:
+    """Zero and the largest round value to both sides of it that is inside `reach`.
+
+    >>> mirrored_ticks(0.37).tolist()
+    [-0.2, 0.0, 0.2]
+    """
+    power = 10.0 ** math.floor(math.log10(0.95 * reach))
+    step = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= 0.95 * reach)
+    return np.array([-step, 0.0, step])
 
 
 def padded_limits(*values: np.ndarray, least: float, zero: bool = False) -> tuple[float, float]:

@@ -10,72 +10,78 @@ from ..track import Track
 from .figures import Joints
 
 _DEGREE = "\N{DEGREE SIGN}"
+_NBSP = "\N{NO-BREAK SPACE}"
 
 
-def track_tiles(track: Track, joints: Joints) -> list[str]:
-    """What is known without a truth: frames, status, sigma, residual, time."""
+def summary_tiles(track: Track, joints: Joints, evaluation: Evaluation | None) -> list[str]:
+    """All tiles in reading order: how much was tracked, how well, how sure, how fast."""
+    errors = [] if evaluation is None else _evaluation_tiles(evaluation)
+    return [*_status_tiles(track), *errors, *_certainty_tiles(track, joints), _time_tile(track)]
+
+
+def _status_tiles(track: Track) -> list[str]:
     count = track.frame.size
-    seconds = float(track.time[-1] - track.time[0])
     shares = [(status, float(np.mean(track.status == status))) for status in ("tracked", "uncertain", "lost")]
-    milliseconds = 1000.0 * track.seconds
-    others = ", ".join(f"{int(round(share * count))} {status}" for status, share in shares[1:] if share > 0)
-    bar = "".join(f'<i style="flex:{share:.4f};background:var(--{status})"></i>' for status, share in shares if share > 0)
-    tiles = [
-        tile("Frames", f"{count}", f"{seconds:.2f} s"),
-        tile(
-            "Tracked",
-            _percent(shares[0][1]),
-            (others or "every frame") + f'<span class="bar">{bar}</span>',
-        ),
-    ]
-    angles = ~joints.prismatic
-    if angles.any():
-        sigma = joints.sigma[:, angles]
-        tiles.append(tile("Median sigma", f"{np.median(sigma):.2f}{_DEGREE}", f"largest {sigma.max():.2f}{_DEGREE}"))
-    tiles.append(tile("Residual", f"{np.median(track.residual):.2f} px", "median RMS of edge points"))
-    first = f", first frame {milliseconds[0]:.0f} ms" if count > 1 and milliseconds[0] > 3 * np.median(milliseconds) else ""
-    tiles.append(
-        tile("Time per frame", f"{np.median(milliseconds):.2f} ms", f"95 % below {np.percentile(milliseconds, 95):.2f} ms{first}")
+    others = ", ".join(f"{round(share * count)} {status}" for status, share in shares[1:] if share > 0)
+    bar = "".join(
+        f'<i style="flex:{share:.4f};background:var(--{status})"></i>' for status, share in shares if share > 0
     )
-    return tiles
+    return [
+        _tile("Frames", f"{count}", f"over {float(track.time[-1] - track.time[0]):.2f}{_NBSP}s"),
+        _tile("Tracked", _percent(shares[0][1]), f'{others or "every frame"}<span class="bar">{bar}</span>'),
+    ]
 
 
-def evaluation_tiles(evaluation: Evaluation) -> list[str]:
+def _certainty_tiles(track: Track, joints: Joints) -> list[str]:
+    """What the tracker itself says: sigmas of the angles, and how well the outline fits."""
+    residual = _tile("Residual", f"{np.median(track.residual):.2f}{_NBSP}px", "median RMS of the edge points")
+    sigma = joints.sigma[:, ~joints.prismatic]
+    if not sigma.size:
+        return [residual]
+    note = f"largest {sigma.max():.2f}{_DEGREE}"
+    return [_tile("Median sigma", f"{np.median(sigma):.2f}{_DEGREE}", note), residual]
+
+
+def _time_tile(track: Track) -> str:
+    milliseconds = 1000.0 * track.seconds
+    usual = float(np.median(milliseconds))
+    note = f"95{_NBSP}% below {np.percentile(milliseconds, 95):.2f}{_NBSP}ms"
+    if milliseconds[0] > 3 * usual:  # it holds the compilation
+        note += f", first {milliseconds[0]:.0f}{_NBSP}ms"
+    return _tile("Time per frame", f"{usual:.2f}{_NBSP}ms", note)
+
+
+def _evaluation_tiles(evaluation: Evaluation) -> list[str]:
     """What the truth adds: errors of angles and landmarks, and whether the sigmas are honest."""
     worst = evaluation.worst_joint
-    slides = bool(evaluation.prismatic[worst])
-    scale, unit = (1.0, f" {evaluation.units}") if slides else (180.0 / np.pi, _DEGREE)
+    scale, unit = (
+        (1.0, _NBSP + html.escape(evaluation.units)) if evaluation.prismatic[worst] else (180.0 / np.pi, _DEGREE)
+    )
     name = html.escape(evaluation.joint_names[worst])
-    tiles = [
-        tile(
-            "Worst-joint RMSE",
-            f"{evaluation.rmse[worst] * scale:.2f}{html.escape(unit)}",
-            f"{name}, largest error {evaluation.largest[worst] * scale:.2f}{html.escape(unit)}",
-        )
-    ]
+    note = f"{name}, largest error {evaluation.largest[worst] * scale:.2f}{unit}"
+    tiles = [_tile("Worst-joint RMSE", f"{evaluation.rmse[worst] * scale:.2f}{unit}", note)]
     if math.isfinite(evaluation.landmark_px):
-        tiles.append(
-            tile("Landmark error", f"{evaluation.landmark_px:.2f} px", f"largest {evaluation.landmark_max_px:.2f} px")
-        )
+        note = f"largest {evaluation.landmark_max_px:.2f}{_NBSP}px"
+        tiles.append(_tile("Landmark error", f"{evaluation.landmark_px:.2f}{_NBSP}px", note))
     if math.isfinite(evaluation.nees_mean):
         low, high = evaluation.nees_band
-        verdict = "sigmas consistent"
+        verdict = "consistent"
         if evaluation.nees_mean > high:
             verdict = "sigmas too small"
         elif evaluation.nees_mean < low:
             verdict = "sigmas cautious"
-        tiles.append(
-            tile("NEES", f"{evaluation.nees_mean:.2f}", f"{verdict}; 95 % band {low:.2f} to {high:.2f}")
-        )
+        note = f"{verdict}, 95{_NBSP}% band {low:.2f} to {high:.2f}"
+        tiles.append(_tile("NEES", f"{evaluation.nees_mean:.2f}", note))
     return tiles
 
 
-def tile(name: str, value: str, note: str) -> str:
+def _tile(name: str, value: str, note: str) -> str:
     """One figure with its name above and a note below; `note` is HTML."""
     return f'<div class="tile"><span>{name}</span><b>{value}</b><small>{note}</small></div>'
 
 
 def _percent(share: float) -> str:
     """Per cent, never rounded up to 100 or down to 0."""
-    digits = 0 if share in (0.0, 1.0) else 1
-    return f"{min(100 * share, 99.9) if share < 1 else 100:.{digits}f} %"
+    if share in (0.0, 1.0):
+        return f"{100 * share:.0f}{_NBSP}%"
+    return f"{min(max(100 * share, 0.1), 99.9):.1f}{_NBSP}%"
