@@ -2,20 +2,18 @@
 Profiles: from samplers on a finger to the valley of a curve
 ============================================================
 
-Two fingers cross in a rendered image. Short straight paths, the samplers, cross the outline of the posed model; where the
-other finger is in front, no edge is looked for. Interpolation turns each path into a profile of grey levels (hand thesis,
-section 4.2). A template says what the profile should look like; moving it along the profile and adding up squared
-differences over the visible samples gives the WSSD curve, whose valley tells how far the finger is from where the pose
-put it (section 4.3).
-
-``python examples/03_profiles.py --out profiles.png`` keeps the picture.
+Short straight paths, the samplers, cross the outline of two posed fingers; where one finger hides the other, no edge is
+looked for. Interpolation turns each path into a profile of grey levels (hand thesis, section 4.2). A template says what
+the profile should look like; the squared differences of the two, over the visible samples and for every shift of the
+template, make the WSSD curve: its valley tells how far the finger is from where the pose put it (section 4.3).
+``--out profiles.png`` keeps the picture.
 """
 
 import argparse
 
-import matplotlib
+import matplotlib as mpl
 
-matplotlib.use("Agg")
+mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -28,17 +26,15 @@ from handtrack.templates import expect, positions
 from synth.scenes import image, posed, two_finger_crossing
 
 # %%
-# A frame in the middle of the crossing. The surface's grey levels were learnt from an earlier frame, where the pose was
-# known; here it is only predicted, one and a half degrees off in every joint.
+# The surface's grey levels are learnt where the pose is known; in the crossing it is predicted, 1.5 degrees off.
 
 scene = two_finger_crossing(seed=4, frames=30, noise=2.0, max_speed=3.0)
 camera, fingers, frame = scene.camera, scene.model.link_finger, 15
-known = learn(image(scene, 0), posed(scene, 0), camera)
-picture = image(scene, frame)
+known, picture = learn(image(scene, 0), posed(scene, 0), camera), image(scene, frame)
 pills = pose_pills(scene.model, forward(scene.model, scene.truth[frame] + np.radians(1.5)), camera)
 
 # %%
-# Samplers on the outline, their templates and windows, and the profiles: longer than the templates, so these can move.
+# Samplers, their templates and windows, and profiles that are longer than the templates, so that these can move.
 
 samplers = place_outline(pills, camera, scene.model.link_is_tip, spacing=14.0)
 templates = expect(samplers, pills, fingers, camera, known)
@@ -47,9 +43,8 @@ surface = curves(profiles, templates)
 wide = np.full(samplers.link.size, 8.0)
 edges = find_edges(samplers, templates, profiles, wide, wide, known.noise, known.spread)
 found, hidden = edges.reason == FOUND, templates.state == 1
-one = np.argmin(
-    np.where(found & (np.abs(np.abs(edges.offset) - 4.0) < 1.0), edges.sigma, np.inf)
-)  # sharp, and well off
+well_off = found & (np.abs(np.abs(edges.offset) - 4.0) < 1.0)
+one = np.argmin(np.where(well_off, edges.sigma, np.inf))
 print(f"{found.sum()} of {found.size} samplers found an edge, {hidden.sum()} are hidden by the other finger")
 print(f"sampler {one}: the edge lies {edges.offset[one]:+.2f} +- {edges.sigma[one]:.2f} px from where the pose put it")
 
@@ -78,7 +73,8 @@ d.axvline(edges.offset[one], color="gold", label=f"valley at {edges.offset[one]:
 d.set(title="its WSSD curve", xlabel="shift of the template (px)", ylabel="mean squared difference", yscale="log")
 for axes in (b, c, d):
     axes.legend(fontsize="small")
+
 parser = argparse.ArgumentParser(description="Samplers, profiles, templates and the WSSD curve of two fingers.")
 parser.add_argument("--out", help="file for the picture; without it nothing is written")
-if (out := parser.parse_known_args()[0].out) is not None:
+if out := parser.parse_known_args()[0].out:
     figure.savefig(out, dpi=110)

@@ -3,8 +3,8 @@ Tracking: two fingers through an occlusion, with honest sigmas
 ==============================================================
 
 The index finger crosses in front of the middle finger (section 6.1 of the hand thesis). The images come from the
-renderer with exact truth; the tracker sees only the images, the model, the camera and a start pose that is three degrees
-off in every joint. It returns, for every frame, joint angles, their covariance and a status.
+renderer with exact truth; the tracker sees only images, model, camera and a start pose that is three degrees off in
+every joint. It returns, for every frame, joint angles, their covariance and a status.
 
 Run ``python examples/05_tracking.py --out tracking.png`` to keep the picture.
 """

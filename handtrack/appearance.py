@@ -142,7 +142,7 @@ def _plausible(
     if known is None:
         return (foreground > max(0.1 * typical, 3.0 * noise)).astype(float)
     residual = np.abs(target - known)
-    cut = 4.7 * max(1.4826 * median(residual), 0.06 * typical)
+    cut = 4.7 * max(1.4826 * median(residual), 0.06 * typical, noise)
     return np.where(residual < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-HALVINGS = 7  # bisections of the place where a line crosses an edge: to 1/128 pixel
+HALVINGS = 8  # bisections of the place where a line crosses an edge: to 1/256 pixel
 GAUSS = 0.5 / math.sqrt(3.0)  # offset of the two Gauss nodes from the middle of an interval of length 1
 TIE = 1e-9  # depths closer than this are equal and the first pill wins: neighbouring links share a sphere
 BINARY, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
@@ -68,8 +68,8 @@ def pill_normal(x, y, t, pinhole, pills, k):  # pragma: no cover - compiled
     length, r0, slope = pills[k, 6], pills[k, 7], pills[k, 9]
     along = (px * ux + py * uy + pz * uz - r0 * slope) / pills[k, 10]
     along = min(max(along, 0.0), length)
-    radius = r0 - slope * along
-    return (px - along * ux) / radius, (py - along * uy) / radius, (pz - along * uz) / radius
+    scale = 1.0 / (r0 - slope * along)
+    return (px - along * ux) * scale, (py - along * uy) * scale, (pz - along * uz) * scale
 
 
 @njit(cache=True, error_model="numpy")
@@ -311,12 +311,9 @@ def seen_near(part, v, u, chosen):  # pragma: no cover - compiled
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_edge(keys, v, u):  # pragma: no cover - compiled
-    """Whether any of a pixel's eight neighbours has another key; `keys` has a border one pixel wide."""
+    """Whether a pixel's key differs from a neighbour's in its row or column; `keys` has a border one pixel wide."""
     key = keys[v + 1, u + 1]
-    differs = (keys[v, u] ^ key) | (keys[v, u + 1] ^ key) | (keys[v, u + 2] ^ key)
-    differs |= (keys[v + 1, u] ^ key) | (keys[v + 1, u + 2] ^ key)
-    differs |= (keys[v + 2, u] ^ key) | (keys[v + 2, u + 1] ^ key) | (keys[v + 2, u + 2] ^ key)
-    return differs != 0
+    return (keys[v, u + 1] ^ key) | (keys[v + 1, u] ^ key) | (keys[v + 1, u + 2] ^ key) | (keys[v + 2, u + 1] ^ key) != 0
 
 
 @njit(cache=True, error_model="numpy")

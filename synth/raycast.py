@@ -153,7 +153,7 @@ def pill_normal(
     u, length, r0, s, c2 = rows[:, 3:6], *rows[:, [6, 7, 9, 10]].T
     axial = p[:, 0] * u[:, 0] + p[:, 1] * u[:, 1] + p[:, 2] * u[:, 2]
     along = np.minimum(np.maximum((axial - r0 * s) / c2, 0.0), length)
-    return (p - along[:, None] * u) / (r0 - s * along)[:, None]
+    return (p - along[:, None] * u) * (1.0 / (r0 - s * along))[:, None]
 
 
 def surface_points(

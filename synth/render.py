@@ -1,6 +1,6 @@
 """Posed pills in, an anti-aliased grey or colour image out.
 
-A pixel shows the light at its centre, save where the part (or facet) seen differs among it and its eight neighbours: there it
+A pixel shows the light at its centre, save where the part (or facet) seen differs from that of a neighbour in its row or column: there it
 shows the mean over its area, from `synth.edges`.
 """
 

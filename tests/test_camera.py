@@ -128,6 +128,14 @@ def test_distortion_far_from_the_axis_is_undone_too():
     np.testing.assert_allclose(undistort(distort(slope, barrel), barrel), slope, atol=1e-11)
 
 
+def test_undistort_converges_in_a_few_steps():
+    slope = np.random.default_rng(3).uniform(-0.4, 0.4, (100, 2))
+    bent = distort(slope, BENT)
+    error = [np.abs(undistort(bent, BENT, steps) - slope).max() for steps in (1, 2, 3, 4, 5)]
+    assert error[0] > 1e-4 and error[-1] < 1e-13
+    assert all(after < 0.1 * before or after < 1e-13 for before, after in zip(error[:-1], error[1:], strict=True))
+
+
 def test_no_distortion_leaves_slopes_as_they_are():
     slope = np.array([[0.3, -0.2]])
     np.testing.assert_array_equal(distort(slope, np.zeros(5)), slope)

@@ -79,7 +79,7 @@ def test_hits_lie_on_the_surface_of_the_pill_they_name(camera, seed):
 @cameras
 def test_nothing_lies_in_front_of_a_hit_and_nothing_on_a_ray_that_missed(camera):
     pills = random_pills(1, 6)
-    origin, direction = pixel_rays(camera, 24.0)
+    origin, direction = pixel_rays(camera, 32.0)
     n, links = origin.shape[0], pills.base.shape[0]
     hits = ray_hits(pills, origin, direction)
     until = np.where(hits.pill >= 0, hits.t, 1000.0) - 1e-6

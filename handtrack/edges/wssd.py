@@ -17,6 +17,7 @@ from ..templates import HIDDEN as STATE_HIDDEN
 from .points import BORDER, FLAT, FOUND, HIDDEN, JOINT, MISFIT, OUTSIDE, EdgePoints
 
 _LEAST_SAMPLES = 6  # a window shorter than 3 px cannot tell an edge
+_MOST_RAW = 0.2  # the same before grey levels are adjusted: where there is no edge at all, adjusting explains everything
 _MOST_MISFIT = 0.15  # of the squared contrast: more is another object
 _SAMPLES = 8  # most samples that a profile counts for
 _FORGIVEN = 0.1  # of the contrast: how far the rendered grey levels may be off
@@ -205,8 +206,10 @@ def find_edges(
     offset = shift[best] + np.clip(fine, -step, step)
     misfit = left / noise**2
     sigma = np.sqrt(variance * noise**2 * np.maximum(1.0, misfit / 4.0) + _INTERPOLATION_FLOOR**2)
+    weight = np.clip(used, 1, _SAMPLES) / max(spread, noise) ** 2
+    raw = (lowest - (shift[best] / predicted) ** 2) / weight
     at_end = np.abs(shift[best]) > reach - 0.5 * step
-    reason = _reasons(templates, lowest, rise, sigma, left, at_end, noise, used)
+    reason = _reasons(templates, raw, rise, sigma, left, at_end, noise, used)
     found = reason == FOUND
     sigma = np.where(found, sigma, np.inf)
     offset = np.where(found, offset, 0.0)
@@ -215,7 +218,7 @@ def find_edges(
 
 def _reasons(
     templates: Templates,
-    lowest: Float[np.ndarray, " n"],
+    raw: Float[np.ndarray, " n"],
     rise: Float[np.ndarray, " n"],
     sigma: Float[np.ndarray, " n"],
     left: Float[np.ndarray, " n"],
@@ -224,11 +227,12 @@ def _reasons(
     used: Int[np.ndarray, " n"],
 ) -> Int[np.ndarray, " n"]:
     """Why a profile gives no edge, the first of the tests that it fails."""
-    reason = np.full(lowest.size, FOUND)
-    reason[left > _MOST_MISFIT * rise**2 + 9.0 * noise**2] = MISFIT
+    reason = np.full(raw.size, FOUND)
+    unlike = (left > _MOST_MISFIT * rise**2 + 9.0 * noise**2) | (raw > _MOST_RAW * rise**2 + 9.0 * noise**2)
+    reason[unlike] = MISFIT
     reason[at_end] = BORDER
     reason[~(sigma < 1.5) | (rise < 4.0 * noise)] = FLAT
-    reason[~np.isfinite(lowest)] = OUTSIDE
+    reason[~np.isfinite(raw)] = OUTSIDE
     reason[(templates.state == EXPECTED) & (used < _LEAST_SAMPLES)] = HIDDEN
     reason[templates.state == STATE_HIDDEN] = HIDDEN
     reason[(templates.state != EXPECTED) & (templates.state != STATE_HIDDEN)] = JOINT

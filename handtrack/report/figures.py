@@ -56,7 +56,9 @@ def joints_of(track: Track, model: Model, truth: Truth | None) -> Joints:
     return Joints(model, fingers_of(model), prismatic, track.q * scale, track.sigma * scale, true, error)
 
 
-def finger_section(number: int, joints: Joints, frame: Frame, evaluation: Evaluation | None) -> tuple[str, list[Figure]]:
+def finger_section(
+    number: int, joints: Joints, frame: Frame, evaluation: Evaluation | None
+) -> tuple[str, list[Figure]]:
     """One finger: its angles, and below them the error (or the sigma) of each joint."""
     finger = joints.fingers[number]
     figures = []
@@ -119,13 +121,18 @@ def _error_row(
 ) -> str:
     name = html.escape(short_name(joints.model.joint_names[joint], finger))
     unit = html.escape(joints.unit(joint))
-    facts = f"sigma {np.median(joints.sigma[:, joint]):.2f}{unit}"
+    facts = f"sigma {small_number(float(np.median(joints.sigma[:, joint])))}{unit}"
     if evaluation is not None and np.isfinite(evaluation.rmse[joint]):
-        rmse = evaluation.rmse[joint] * (1.0 if joints.prismatic[joint] else 180.0 / np.pi)
+        rmse = float(evaluation.rmse[joint]) * (1.0 if joints.prismatic[joint] else 180.0 / np.pi)
         inside = 100 * evaluation.coverage_2sigma[joint]
-        facts = f"RMSE {rmse:.2f}{unit}<br>{inside:.0f}\N{NO-BREAK SPACE}% within 2 sigmas"
+        facts = f"RMSE {small_number(rmse)}{unit}<br>{inside:.0f}\N{NO-BREAK SPACE}% in 2 sigmas"
     label = f'<b class="c{place % 6}">{name}</b>'
     return f'<div class="row">{figure.html}<span class="facts">{label} {facts}</span></div>'
+
+
+def small_number(value: float) -> str:
+    """Two decimals, three below a tenth."""
+    return f"{value:.2f}" if value >= 0.0995 else f"{value:.3f}"
 
 
 def quality_figures(track: Track, frame: Frame) -> list[Figure]:

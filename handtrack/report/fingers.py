@@ -18,7 +18,6 @@ _COLOURS = ("#2f8fff", "#ff8c2e", "#14bdb4", "#e35bc4", "#8d6bff", "#b3a800", "#
 STATUS_COLOURS = (("tracked", "#2fb457"), ("uncertain", "#e8a317"), ("lost", "#e5484d"))
 
 
-
 def finger_colour(number: int) -> str:
     """Colour `#rrggbb` of a finger by its number; they repeat after eight."""
     return _COLOURS[number % len(_COLOURS)]
@@ -37,9 +36,8 @@ class Finger:
 def fingers_of(model: Model) -> tuple[Finger, ...]:
     """Fingers of a model in the order of their first link, then the groups of joints that move several fingers."""
     moves = joints_below(model)[model.link_frame]
-    groups: list[tuple[int, ...]] = []  # finger numbers that each joint moves
-    for joint in range(len(model.joint_names)):
-        groups.append(tuple(sorted({int(finger) for finger in model.link_finger[moves[:, joint]]})))
+    # Finger numbers that each joint moves.
+    groups = [tuple(sorted(set(model.link_finger[moved].tolist()))) for moved in moves.T]
     alone = [(finger,) for finger in range(int(model.link_finger.max(initial=-1)) + 1)]
     shared = sorted({group for group in groups if len(group) != 1})
     fingers: list[Finger] = []

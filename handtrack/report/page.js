@@ -61,10 +61,10 @@
       const cells = row.children;
       const value = series.v[index];
       cells[1].textContent = write(value, chart.unit);
-      cells[2].textContent = write(series.s[index], chart.unit);
+      cells[2].textContent = write(series.s[index], chart.unit, 3);
       if (cells.length > 3) {
         cells[3].textContent = write(series.t && series.t[index], chart.unit);
-        cells[4].textContent = write(difference(value, series.t && series.t[index], chart.unit), chart.unit);
+        cells[4].textContent = write(difference(value, series.t && series.t[index], chart.unit), chart.unit, 3);
       }
     }
   };
@@ -88,7 +88,7 @@
     const value = document.createElement("b");
     value.textContent = write(series.v[index], chart.unit);
     const note = document.createElement("small");
-    if (series.s) note.textContent += `  sigma ${write(series.s[index], chart.unit)}`;
+    if (series.s) note.textContent += `  sigma ${write(series.s[index], chart.unit, 3)}`;
     if (series.t) note.textContent += `  true ${write(series.t[index], chart.unit)}`;
     item.append(chip, `${series.name} `, value, " ", note);
     return item;

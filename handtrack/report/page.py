@@ -18,7 +18,7 @@ from string import Template
 import numpy as np
 
 from ..camera import Camera
-from ..evaluate import Evaluation, evaluate
+from ..evaluate import evaluate
 from ..kinematics import Model
 from ..sequences import Truth
 from ..track import Track
@@ -130,7 +130,7 @@ def render_page(
 
 
 def _asset(name: str) -> str:
-    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return resources.files(__name__.rpartition(".")[0]).joinpath(name).read_text(encoding="utf-8")
 
 
 def _subtitle(track: Track, model: Model, camera: Camera) -> str:
@@ -151,8 +151,9 @@ def _video(video: bytes | None, camera: Camera) -> str:
     if video is None:
         return '<p class="novideo">No video was written for this run.</p>'
     data = base64.b64encode(video).decode("ascii")
+    shape = f"aspect-ratio:{camera.width}/{camera.height}"
     return (
-        f'<video id="video" controls loop muted playsinline preload="auto" style="aspect-ratio:{camera.width}/{camera.height}" '
+        f'<video id="video" controls loop muted playsinline preload="auto" style="{shape}" '
         f'src="data:video/mp4;base64,{data}"></video>'
     )
 
@@ -185,7 +186,7 @@ def _now_table(joints: Joints, figures: Sequence[Figure]) -> str:
             rows.append(
                 f'<tr data-chart="{figure.name}" data-series="{series}"><th><i class="chip f{number % 8}"></i>'
                 f"{html.escape(joints.model.joint_names[joint])}</th><td>{joints.values[-1, joint]:.2f}{unit}</td>"
-                f"<td>{joints.sigma[-1, joint]:.2f}{unit}</td>{blank}</tr>"
+                f"<td>{joints.sigma[-1, joint]:.3f}{unit}</td>{blank}</tr>"
             )
     return (
         f"<table class='now'><thead><tr><th>joint</th><th>estimate</th><th>sigma</th>{true}</tr></thead>"
@@ -196,9 +197,9 @@ def _now_table(joints: Joints, figures: Sequence[Figure]) -> str:
 def _quality_card(figure: Figure) -> str:
     caption = dict(_CAPTIONS)[figure.name]
     values = figure.series[0].values
-    facts = f"median <b>{np.median(values):.3g}{html.escape(figure.unit)}</b>, largest <b>{values.max():.3g}{html.escape(figure.unit)}</b>"
-    if figure.name == "confidence":
-        facts = f"median <b>{np.median(values):.2f}</b>, smallest <b>{values.min():.2f}</b>"
+    unit = html.escape(figure.unit)
+    other, extreme = ("smallest", values.min()) if figure.name == "confidence" else ("largest", values.max())
+    facts = f"median <b>{np.median(values):.3g}{unit}</b>, {other} <b>{extreme:.3g}{unit}</b>"
     return f'<section class="card"><h3>{caption}</h3>{figure.html}<p class="facts">{facts}</p></section>'
 
 
@@ -231,9 +232,9 @@ def _data(track: Track, figures: Sequence[Figure], fps: float) -> str:
         "charts": charts,
     }
     text = json.dumps(document, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-    return text.replace("<", "\\u003c").replace("\N{LINE SEPARATOR}", "\\u2028").replace("\N{PARAGRAPH SEPARATOR}", "\\u2029")
+    return text.replace("<", "\\u003c")
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:
-    """Thousandths are finer than anything shown, and keep the page small."""
-    return [round(value, 3) + 0.0 if math.isfinite(value) else None for value in values.tolist()]
+    """Ten-thousandths are finer than anything shown, and keep the page small."""
+    return [round(value, 4) + 0.0 if math.isfinite(value) else None for value in values.tolist()]

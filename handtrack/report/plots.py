@@ -10,6 +10,7 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -66,7 +67,7 @@ def chart(
     ticks : int
         About how many horizontal lines.
     marks : (k,), optional
-        Where to draw the horizontal lines instead.
+        Where to draw the horizontal lines instead; zero is then drawn but not numbered.
     filled : bool
         Fill the area under the curves instead of drawing sigmas.
     labels : bool
@@ -75,37 +76,52 @@ def chart(
         Write the seconds below.
     """
     x = positions(frame.time, *time_range(frame.time))
+    numbered = marks is None  # marks given from outside are symmetric: their zero needs no number
     marks = tick_values(*limits, ticks) if marks is None else marks
-    times = tick_values(*time_range(frame.time), 6)
-    parts = [f'<div class="chart {kind}" data-chart="{html.escape(name)}">']
-    parts.append('<svg viewBox="0 0 1000 1000" preserveAspectRatio="none" aria-hidden="true">')
-    parts += [
+    return "".join(
+        [
+            f'<div class="chart {kind}" data-chart="{html.escape(name)}">',
+            '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none" aria-hidden="true">',
+            *_backdrop(frame, marks, limits),
+            *(path for item in series for path in _curves(item, x, limits, filled)),
+            "</svg>",
+            *_value_labels(marks if numbered else marks[marks != 0], limits, unit),
+            *(_time_labels(frame) if time_axis else []),
+            *(_end_labels(series, limits) if labels else []),
+            "</div>",
+        ]
+    )
+
+
+def _backdrop(frame: Frame, marks: Float[np.ndarray, " k"], limits: tuple[float, float]) -> list[str]:
+    """Stretches that are not tracked, and horizontal lines."""
+    spans = [
         f'<rect class="{status}" x="{left:.1f}" y="0" width="{right - left:.1f}" height="1000"/>'
         for status, left, right in status_spans(frame)
     ]
     heights = _BOX - positions(marks, *limits)
-    parts += [
-        f'<path class="{"zero" if mark == 0 else "grid"}" d="M0 {y:.1f}H1000"/>'
+    return spans + [
+        f'<path class="{"grid" if mark else "zero"}" d="M0 {y:.1f}H1000"/>'
         for mark, y in zip(marks, heights, strict=True)
     ]
-    for item in series:
-        parts += _curves(item, x, limits, filled)
-    parts.append("</svg>")
+
+
+def _value_labels(marks: Float[np.ndarray, " k"], limits: tuple[float, float], unit: str) -> list[str]:
     digits = _digits(marks)
-    parts += [
+    return [
         f'<span class="y" style="top:{y / 10:.2f}%">{_minus(mark, digits)}{html.escape(unit)}</span>'
-        for mark, y in zip(marks, heights, strict=True)
+        for mark, y in zip(marks, _BOX - positions(marks, *limits), strict=True)
     ]
-    if time_axis:
-        lefts = positions(times, *time_range(frame.time))
-        parts += [
-            f'<span class="x" style="left:{left / 10:.2f}%">{_minus(second, _digits(times))} s</span>'
-            for second, left in zip(times, lefts, strict=True)
-        ]
-    if labels:
-        parts += _end_labels(series, limits)
-    parts.append("</div>")
-    return "".join(parts)
+
+
+def _time_labels(frame: Frame) -> list[str]:
+    limits = time_range(frame.time)
+    times = tick_values(*limits, 6)
+    digits = _digits(times)
+    return [
+        f'<span class="x" style="left:{left / 10:.2f}%">{_minus(second, digits)} s</span>'
+        for second, left in zip(times, positions(times, *limits), strict=True)
+    ]
 
 
 def _curves(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float], filled: bool) -> list[str]:
@@ -129,7 +145,7 @@ def _end_labels(series: Sequence[Series], limits: tuple[float, float]) -> list[s
     top = np.clip((_BOX - positions(last, *limits)) / 10, 3, 97)
     gap = 9.0  # per cent of the height
     order = np.argsort(top, kind="stable")
-    for i, j in zip(order[:-1], order[1:], strict=True):
+    for i, j in pairwise(order):
         top[j] = max(top[j], top[i] + gap)
     top -= max(0.0, float(top.max()) - 97)
     return [
@@ -157,12 +173,11 @@ def line_path(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> str:
     """
     parts = []
     pen_down = False
-    for i in thin(y):
-        if not math.isfinite(y[i]):
-            pen_down = False
-            continue
-        parts.append(f"{'L' if pen_down else 'M'}{_short(x[i])} {_short(y[i])}")
-        pen_down = True
+    keep = thin(y)
+    for point, finite in zip(_points(x[keep], y[keep]), np.isfinite(y[keep]), strict=True):
+        if finite:
+            parts.append(("L" if pen_down else "M") + point)
+        pen_down = bool(finite)
     return "".join(parts)
 
 
@@ -172,9 +187,8 @@ def band_path(x: Float[np.ndarray, " n"], low: Float[np.ndarray, " n"], high: Fl
     keep = keep[np.isfinite(low[keep]) & np.isfinite(high[keep])]
     if not keep.size:
         return ""
-    points = [f"{_short(x[i])} {_short(high[i])}" for i in keep]
-    points += [f"{_short(x[i])} {_short(low[i])}" for i in keep[::-1]]
-    return f"M{'L'.join(points)}Z"
+    there, back = _points(x[keep], high[keep]), _points(x[keep[::-1]], low[keep[::-1]])
+    return f"M{'L'.join(there + back)}Z"
 
 
 def thin(values: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
@@ -184,7 +198,7 @@ def thin(values: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
     edges = np.linspace(0, values.size, _MOST_POINTS // 2 + 1).astype(int)
     filled = np.nan_to_num(values)
     keep = {0, values.size - 1} | set(np.flatnonzero(~np.isfinite(values))[: _MOST_POINTS // 4].tolist())
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges.tolist()):
         keep.update((start + int(np.argmin(filled[start:stop])), start + int(np.argmax(filled[start:stop]))))
     return np.array(sorted(keep))
 
@@ -237,6 +251,10 @@ def padded_limits(*values: np.ndarray, least: float, zero: bool = False) -> tupl
         return 0.0, max(high * 1.06, least)
     spare = max(0.06 * (high - low), (least - (high - low)) / 2)
     return low - spare, high + spare
+
+
+def _points(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> list[str]:
+    return [f"{_short(a)} {_short(b)}" for a, b in zip(x.tolist(), y.tolist(), strict=True)]
 
 
 def _short(value: float) -> str:

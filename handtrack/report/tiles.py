@@ -7,7 +7,7 @@ import numpy as np
 
 from ..evaluate import Evaluation
 from ..track import Track
-from .figures import Joints
+from .figures import Joints, small_number
 
 _DEGREE = "\N{DEGREE SIGN}"
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -39,7 +39,7 @@ def _certainty_tiles(track: Track, joints: Joints) -> list[str]:
     if not sigma.size:
         return [residual]
     note = f"largest {sigma.max():.2f}{_DEGREE}"
-    return [_tile("Median sigma", f"{np.median(sigma):.2f}{_DEGREE}", note), residual]
+    return [_tile("Median sigma", f"{small_number(float(np.median(sigma)))}{_DEGREE}", note), residual]
 
 
 def _time_tile(track: Track) -> str:
@@ -59,19 +59,16 @@ def _evaluation_tiles(evaluation: Evaluation) -> list[str]:
     )
     name = html.escape(evaluation.joint_names[worst])
     note = f"{name}, largest error {evaluation.largest[worst] * scale:.2f}{unit}"
-    tiles = [_tile("Worst-joint RMSE", f"{evaluation.rmse[worst] * scale:.2f}{unit}", note)]
+    tiles = [_tile("Worst-joint RMSE", f"{small_number(float(evaluation.rmse[worst]) * scale)}{unit}", note)]
     if math.isfinite(evaluation.landmark_px):
         note = f"largest {evaluation.landmark_max_px:.2f}{_NBSP}px"
         tiles.append(_tile("Landmark error", f"{evaluation.landmark_px:.2f}{_NBSP}px", note))
     if math.isfinite(evaluation.nees_mean):
-        low, high = evaluation.nees_band
-        verdict = "consistent"
-        if evaluation.nees_mean > high:
-            verdict = "sigmas too small"
-        elif evaluation.nees_mean < low:
-            verdict = "sigmas cautious"
-        note = f"{verdict}, 95{_NBSP}% band {low:.2f} to {high:.2f}"
-        tiles.append(_tile("NEES", f"{evaluation.nees_mean:.2f}", note))
+        # Per degree of freedom and rooted, NEES is the size of an error in sigmas, which is easier to judge.
+        edges = [math.sqrt(edge / evaluation.nees_mean_dof) for edge in evaluation.nees_band]
+        ratio = math.sqrt(evaluation.nees_mean / evaluation.nees_mean_dof)
+        note = f"errors of {ratio:.2f} sigmas, 95{_NBSP}% band {edges[0]:.2f} to {edges[1]:.2f}"
+        tiles.append(_tile(f"NEES, ideally {evaluation.nees_mean_dof:.3g}", f"{evaluation.nees_mean:.2f}", note))
     return tiles
 
 

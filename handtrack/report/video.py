@@ -76,7 +76,7 @@ def _encode(path: Path, images: Iterable[UInt8[np.ndarray, "h w 3"]], fps: float
     count = 0
     with av.open(str(path), "w", format="mp4", container_options={"movflags": "+faststart"}) as container:
         stream: Any = None
-        for count, image in enumerate(images, start=1):
+        for image in images:
             padded = np.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge")
             if stream is None:
                 stream = container.add_stream(encoder, Fraction(fps).limit_denominator(1000), _OPTIONS[encoder])
@@ -85,6 +85,7 @@ def _encode(path: Path, images: Iterable[UInt8[np.ndarray, "h w 3"]], fps: float
                 stream.gop_size = _KEYFRAME_EVERY
                 stream.thread_count = 1  # the same bytes on every machine
             container.mux(stream.encode(av.VideoFrame.from_ndarray(padded, format="rgb24")))
+            count += 1
         if stream is not None:
             container.mux(stream.encode())
     return count
