@@ -43,8 +43,7 @@ surface = curves(profiles, templates)
 wide = np.full(samplers.link.size, 8.0)
 edges = find_edges(samplers, templates, profiles, wide, wide, known.noise, known.spread)
 found, hidden = edges.reason == FOUND, templates.state == 1
-well_off = found & (np.abs(np.abs(edges.offset) - 4.0) < 1.0)
-one = np.argmin(np.where(well_off, edges.sigma, np.inf))
+one = np.argmin(np.where(found & (np.abs(np.abs(edges.offset) - 4.0) < 1.0), edges.sigma, np.inf))
 print(f"{found.sum()} of {found.size} samplers found an edge, {hidden.sum()} are hidden by the other finger")
 print(f"sampler {one}: the edge lies {edges.offset[one]:+.2f} +- {edges.sigma[one]:.2f} px from where the pose put it")
 

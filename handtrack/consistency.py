@@ -14,7 +14,7 @@ from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitener
 from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
 
 _PLAIN_S, _PLAIN_TAU = 2.0, 0.1  # scatter that a right model may show
-_YOUNG, _EVERY = 12, 5  # frames learnt from one by one, and how often after that
+_YOUNG, _EVERY = 12, 4  # frames learnt from one by one, and how often after that
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ def assess(
 ) -> Consistency:
     """Learn from a fitted frame; `covariance` and `prior` are those of the pose with and without it.
 
-    Once settled, only every fifth frame is looked at: the shape does not change, and the look costs half a millisecond.
+    Once settled, only every fourth frame is looked at: the shape does not change, and the look costs half a millisecond.
     """
     if known.frames >= _YOUNG and known.frames % _EVERY:
         return replace(known, frames=known.frames + 1)

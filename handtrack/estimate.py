@@ -19,7 +19,10 @@ from .scatter import whitener
 from .settings import Settings
 from .smooth import KalmanState
 
-_REST, _REST_AT_ONCE = 0.08, 1.0  # largest motion of an edge, in pixels, at which the frame is done; after the first look
+_REST, _REST_AT_ONCE = (
+    0.08,
+    1.0,
+)  # largest motion of an edge, in pixels, at which the frame is done; after the first look
 _MOST_BORDER, _WIDEST = 0.06, 8.0  # share of edges at the end of their search range that asks for a wider one
 _CLOSE = 1.0  # motion of the edges, in pixels, within which templates need not be rendered again
 _LEAST_ROWS = 3

@@ -91,7 +91,17 @@ def _compiled(
     return _kernels.fit_outline(
         u,
         (features.ray, features.slope, features.link, features.sigma),
-        (m.parent, m.prefix, m.joint, m.prismatic, m.link_frame, m.link_length, m.link_radius, on.moves, on.joint_frame),
+        (
+            m.parent,
+            m.prefix,
+            m.joint,
+            m.prismatic,
+            m.link_frame,
+            m.link_length,
+            m.link_radius,
+            on.moves,
+            on.joint_frame,
+        ),
         (on.camera.R, on.camera.t),
         (m.coupling, m.coupling_offset),
         on.plain,

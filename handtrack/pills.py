@@ -177,7 +177,7 @@ def clearance(
     s = np.where(size > k * k, np.clip(s, 0.0, 1.0), (k > 0).astype(float))
     across = m_across + s[:, None] * a_across
     gap = np.sqrt((across * across).sum(axis=1))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         normal = np.where(gap[:, None] > 0.0, -across / gap[:, None], 0.0)
     nearest = m + s[:, None] * axis
     depth = (nearest * unit).sum(axis=1) / np.linalg.norm(direction, axis=1)

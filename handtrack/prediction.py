@@ -71,9 +71,7 @@ def predict(last: Prediction, dt: float) -> Prediction:
     return replace(last, motion=motion, ghk=ghk, moved=True)
 
 
-def correct(
-    ahead: Prediction, u: Float[np.ndarray, " k"], information: Float[np.ndarray, "k k"]
-) -> Prediction:
+def correct(ahead: Prediction, u: Float[np.ndarray, " k"], information: Float[np.ndarray, "k k"]) -> Prediction:
     """Take in the pose u that image (`information`) and prediction agreed on.
 
     The filters want the measurement without the prediction that is already in u: with `A` the image's and `L` the

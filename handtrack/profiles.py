@@ -184,7 +184,12 @@ def place_outline_numpy(
 
 
 def _outline_places(
-    pills: Pills, camera: Camera, tips: Bool[np.ndarray, " l"], spacing: float, most: int, fan: Float[np.ndarray, " k"] | None
+    pills: Pills,
+    camera: Camera,
+    tips: Bool[np.ndarray, " l"],
+    spacing: float,
+    most: int,
+    fan: Float[np.ndarray, " k"] | None,
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Link, axial position, side and (for tips) angle of every outline sampler."""
     ends = project_camera(camera, np.stack([pills.base, pills.tip]))
@@ -269,7 +274,9 @@ def place_across(pills: Pills, camera: Camera, count: int = 6) -> Samplers:
     flip = np.where((np.nan_to_num(towards) * normal).sum(axis=1) < 0, -1.0, 1.0)
     point = pills.base[link] + along[:, None] * (pills.tip[link] - pills.base[link])
     zero = np.zeros(link.size, dtype=int)
-    return with_rays(camera, project_camera(camera, point), flip[:, None] * normal, link, along, zero, zero + SIDE, point)
+    return with_rays(
+        camera, project_camera(camera, point), flip[:, None] * normal, link, along, zero, zero + SIDE, point
+    )
 
 
 def place_tips(

@@ -6,9 +6,10 @@ error of edge i in group c is modelled as
     e_i = s sigma_i eps_i + tau b_c,      eps, b standard normal
 
 with a factor s on the claimed sigmas and a common offset of standard deviation tau pixels. Both are found by the method of
-moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within the groups tells s, scatter between their means tau. Both are averaged over frames: where
-the model is wrong, tau grows by itself and every sigma with it. Generalised least squares under this model only needs a
-share of each group's weighted mean taken off residuals and Jacobian (`Whitener`).
+moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within the groups tells
+s, scatter between their means tau. Both are averaged over frames: where the model is wrong, tau grows by itself and every
+sigma with it. Generalised least squares under this model only needs a share of each group's weighted mean taken off
+residuals and Jacobian (`Whitener`).
 """
 
 from dataclasses import dataclass
@@ -19,11 +20,11 @@ from jaxtyping import Float, Int
 from . import _kernels
 from .residuals import Residual
 
-_MEMORY = 0.9  # weight of earlier frames
+_MEMORY = 0.85  # weight of earlier frames
 _CUT, _OUTLIER = 2.5, 5.0
-_LEAST_S2, _LEAST_TAU = 0.5, 1e-3
-_FIRST_TAU = 0.05  # pixels
-_FIRST_WEIGHT = 0.3  # of the first guess, in frames
+_LEAST_S2, _LEAST_TAU = 0.5, 0.03
+_FIRST_TAU = 0.03  # pixels
+_FIRST_WEIGHT = 0.1  # of the first guess, in frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,14 +139,15 @@ def learn_scatter(
     left_of_groups = Z - J @ (gain @ Z)  # what a common offset leaves in each residual
     means_of_groups = mean @ left_of_groups
     means_of_edges = mean - (mean @ J) @ gain  # what the group means see of each edge's error
-    leverage = float((J * gain.T).sum())
+    # What the solve takes out of the sum of squares, for a gain that is not that of plain least squares.
+    absorbed = float((((J * w[:, None]).T @ J) * ((gain / w) @ gain.T)).sum() - 2.0 * (J * gain.T).sum())
     within_groups = left_of_groups - Z @ means_of_groups
     mean_r = mean @ r
     moments = np.array([(w * (r - Z @ mean_r) ** 2).sum(), (weight_of * mean_r**2).sum()])
     between = float((weight_of * (means_of_edges**2 @ (1.0 / w))).sum())
     response = np.array(
         [
-            [max(r.size - leverage - between, 1.0), (w[:, None] * within_groups**2).sum()],
+            [max(r.size + absorbed - between, 1.0), (w[:, None] * within_groups**2).sum()],
             [between, (weight_of[:, None] * means_of_groups**2).sum()],
         ]
     )

@@ -1,6 +1,6 @@
 """The hand loop: images in, a track out. One step reads like the picture of the method:
 
-    predict -> (look -> fit) until the pose rests -> learn the appearance -> filter
+predict -> (look -> fit) until the pose rests -> learn the appearance -> filter
 """
 
 import time

@@ -1,9 +1,10 @@
 """The compiled pixel loops of the renderer; each has a plain NumPy twin, named in its docstring, that a test compares.
 
-A `pinhole` flag stands for the projection: rays leave the origin through (x, y, 1), or run along z through (x, y, 0), where
-(x, y) are the normalised coordinates of a pixel, so that the ray parameter is the depth in both. A row of `pills` is that of
-`synth.raycast.pill_table`, then the two vectors across the axis and the light of the facets from `synth.facets`. `look` holds
-numbers only, (mode, coefficients, light, counts): counting references to arrays takes longer than a ray.
+A `pinhole` flag stands for the projection: rays leave the origin through (x, y, 1), or run along z through (x, y, 0),
+where (x, y) are the normalised coordinates of a pixel, so that the ray parameter is the depth in both. A row of
+`pills` is that of `synth.raycast.pill_table`, then the two vectors across the axis and the light of the facets from
+`synth.facets`. `look` holds numbers only, (mode, coefficients, light, counts): counting references to arrays takes
+longer than a ray.
 """
 
 import math
@@ -13,6 +14,7 @@ from numba import njit
 
 HALVINGS = 8  # bisections of the place where a line crosses an edge: to 1/256 pixel
 GAUSS = 0.5 / math.sqrt(3.0)  # offset of the two Gauss nodes from the middle of an interval of length 1
+LATTICE, STRIDE = 89, 55  # points where several edges meet: neighbouring Fibonacci numbers
 TIE = 1e-9  # depths closer than this are equal and the first pill wins: neighbouring links share a sphere
 BINARY, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 
@@ -74,7 +76,7 @@ def pill_normal(x, y, t, pinhole, pills, k):  # pragma: no cover - compiled
 
 @njit(cache=True, error_model="numpy")
 def cast_pixels(grid, pinhole, pills, boxes, depth, part):  # pragma: no cover - compiled
-    """First pill at every pixel centre, one box of pixels per pill; `part` has a border; twin: `synth.raycast.cast_numpy`."""
+    """First pill at every pixel centre, a box of pixels per pill; `part` has a border; twin: `raycast.cast_numpy`."""
     for k in range(boxes.shape[0]):
         for v in range(boxes[k, 2], boxes[k, 3]):
             for u in range(boxes[k, 0], boxes[k, 1]):
@@ -313,7 +315,39 @@ def seen_near(part, v, u, chosen):  # pragma: no cover - compiled
 def is_edge(keys, v, u):  # pragma: no cover - compiled
     """Whether a pixel's key differs from a neighbour's in its row or column; `keys` has a border one pixel wide."""
     key = keys[v + 1, u + 1]
-    return (keys[v, u + 1] ^ key) | (keys[v + 1, u] ^ key) | (keys[v + 1, u + 2] ^ key) | (keys[v + 2, u + 1] ^ key) != 0
+    return (keys[v, u + 1] ^ key) | (keys[v + 1, u] ^ key) | (keys[v + 1, u + 2] ^ key) | (
+        keys[v + 2, u + 1] ^ key
+    ) != 0
+
+
+@njit(cache=True, error_model="numpy")
+def is_junction(keys, part, v, u):  # pragma: no cover - compiled
+    """Whether more than one edge meets in a pixel: three keys or three parts among it and its eight neighbours."""
+    for table in (keys, part):
+        first, second = table[v + 1, u + 1], table[v + 1, u + 1]
+        for row in range(v, v + 3):
+            for col in range(u, u + 3):
+                other = table[row, col]
+                if other != first and second == first:
+                    second = other
+                if other != first and other != second:
+                    return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def scatter(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total):  # pragma: no cover
+    """Mean of the image over one pixel by a Fibonacci lattice, into `total`; twin: `synth.edges.scatter_numpy`."""
+    ax, ay, bx, by = axes
+    for i in range(LATTICE):
+        along, offset = (i + 0.5) / LATTICE - 0.5, ((i * STRIDE) % LATTICE + 0.5) / LATTICE - 0.5
+        x, y = gx + along * ax + offset * bx, gy + along * ay + offset * by
+        t, pill = first_pill(x, y, pinhole, pills, chosen, count)
+        body, gloss = 0.0, 0.0
+        if pill >= 0:
+            body, gloss = surface_light(x, y, t, pinhole, pills, pill, look)
+        for c in range(total.shape[0]):
+            total[c] += (out[v, u, c] if pill < 0 else albedo[pill, c] * body + gloss) / LATTICE
 
 
 @njit(cache=True, error_model="numpy")
@@ -339,7 +373,10 @@ def shade_pixels(grid, pinhole, pills, span, depth, part, look, albedo, keys, ou
                 count = seen_near(part, v, u, chosen)
                 total[:] = 0.0
                 axes = pixel_axes(grid, keys, v, u)
-                integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
+                if is_junction(keys, part, v, u):
+                    scatter(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
+                else:
+                    integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
                 for c in range(out.shape[2]):
                     out[v, u, c] = total[c]
             elif pill >= 0:

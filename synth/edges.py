@@ -1,12 +1,14 @@
 """Pixels on edges in, the mean of the image over each of them out: the anti-aliasing.
 
-Within one pixel an edge is nearly straight. Two lines are laid across it, at the Gauss nodes y = ±1/(2 sqrt 3) of the pixel,
-and on each the crossing is found by bisection from -1 to 1, to 1/256 pixel; through both crossings goes the edge
+Within one pixel an edge is nearly straight. Two lines are laid across it, at the Gauss nodes y = ±1/(2 sqrt 3) of the
+pixel, and on each the crossing is found by bisection from -1 to 1, to 1/256 pixel; through both crossings goes the
+edge
 
     x = middle + slope y,        area on its left  A = integral of clip(x, -1/2, 1/2) + 1/2 over |y| <= 1/2
 
-and the pixel shows A (mean light on the left) + (1 - A) (mean on the right), each mean from two Gauss nodes on each line.
-A regular grid of as many rays would move an upright edge in steps of its spacing.
+and the pixel shows A (mean light on the left) + (1 - A) (mean on the right), each mean from two Gauss nodes on each
+line. A regular grid of as many rays would move an upright edge in steps of its spacing. Where several edges meet in a
+pixel, the mean is that of the 89 points of a Fibonacci lattice.
 """
 
 from collections.abc import Callable
@@ -22,24 +24,26 @@ from .raycast import first_hits, pixel_grid, surface_points
 from .shading import Look, surface
 
 GAUSS = _kernels.GAUSS
-Sample = Callable[[Float[np.ndarray, " n"]], Int[np.ndarray, " n"]]
+Place = float | Float[np.ndarray, " n"]  # along a pixel's lines, or from line to line: -1/2 to 1/2 inside the pixel
+Sample = Callable[[Place, Place], tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgePixels:
-    """Pixels to integrate: column, row, whether the lines run along x, and the pills seen in the neighbourhood."""
+    """Pixels to integrate: column, row, whether lines run along x, whether several edges meet, pills seen near."""
 
     u: Int[np.ndarray, " n"]
     v: Int[np.ndarray, " n"]
     across: Bool[np.ndarray, " n"]
+    junction: Bool[np.ndarray, " n"]
     chosen: Bool[np.ndarray, "n l"]
 
 
 def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pills: int) -> EdgePixels:
     """Pixels whose key differs from that of a neighbour in their row or column; outside the image lies background.
 
-    A straight edge that parts a pixel's centre from none of these four does not cut the pixel: its corner is the mean of two of
-    them. Lines run along x where more keys change from left to right than from top to bottom.
+    A straight edge that parts a pixel's centre from none of these four does not cut the pixel: its corner is the mean
+    of two of them. Lines run along x where more keys change from left to right than from top to bottom.
     """
     padded = np.pad(keys, 1, constant_values=-1)
     edge = (padded[:-2, 1:-1] != keys) | (padded[2:, 1:-1] != keys)
@@ -48,11 +52,19 @@ def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pill
     for i in range(3):
         votes += padded[v + i, u] != padded[v + i, u + 2]
         votes -= padded[v, u + i] != padded[v + 2, u + i]
+    near = np.arange(9)
+    around = v[:, None] + near // 3, u[:, None] + near % 3
+    parts = np.pad(part, 1, constant_values=-1)[around]
     seen = np.zeros((u.size, pills + 1), dtype=bool)
-    parts = np.pad(part, 1, constant_values=-1)
-    for i in range(9):
-        seen[np.arange(u.size), parts[v + i // 3, u + i % 3]] = True  # the background, -1, goes to the spare column
-    return EdgePixels(u, v, votes >= 0, seen[:, :-1])
+    seen[np.arange(u.size)[:, None], parts] = True  # the background, -1, goes to the spare last column
+    junction = (seen.sum(axis=1) > 2) | (_different(padded[around]) > 2)
+    return EdgePixels(u, v, votes >= 0, junction, seen[:, :-1])
+
+
+def _different(values: Int[np.ndarray, "n m"]) -> Int[np.ndarray, " n"]:
+    """Number of different values in each row."""
+    ordered = np.sort(values, axis=1)
+    return 1 + (ordered[:, 1:] != ordered[:, :-1]).sum(axis=1)
 
 
 def covered(middle: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -73,36 +85,57 @@ def covered(middle: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]) -> 
     return np.where(steep, 0.5 + total / np.where(steep, slope, 1.0), upright)
 
 
-def crossing(sample: Sample, n: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Keys at both ends of lines from -1 to 1, and where the first ends (1 where both agree): twin of `_kernels.crossing`."""
+def crossing(
+    key: Callable[[Float[np.ndarray, " n"]], Int[np.ndarray, " n"]], n: int
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Keys at both ends of lines from -1 to 1, and where the first ends (1 if both agree); `_kernels.crossing`."""
     low, high = np.full(n, -1.0), np.full(n, 1.0)
-    first, last = sample(low), sample(high)
+    first, last = key(low), key(high)
     for _ in range(_kernels.HALVINGS):
         cut = 0.5 * (low + high)
-        same = sample(cut) == first
+        same = key(cut) == first
         low, high = np.where(same, cut, low), np.where(same, high, cut)
     return first, last, np.where(first == last, 1.0, 0.5 * (low + high))
 
 
-def integrate_numpy(
-    camera: Camera,
-    look: Look,
-    albedo: Float[np.ndarray, "l c"],
-    pixels: EdgePixels,
-    behind: Float[np.ndarray, "n c"],
+def edge_means(
+    camera: Camera, look: Look, albedo: Float[np.ndarray, "l c"], edge: EdgePixels, behind: Float[np.ndarray, "n c"]
 ) -> Float[np.ndarray, "n c"]:
-    """Mean of the image over edge pixels, by the rule above: the twin of `_kernels.integrate`."""
+    """Mean of the image over edge pixels, of which `behind` is the background."""
     grid = pixel_grid(camera)
-    u, v, across = pixels.u + 1, pixels.v + 1, pixels.across[:, None]
+    u, v, across = edge.u + 1, edge.v + 1, edge.across[:, None]
     right, down = 0.5 * (grid[v, u + 1] - grid[v, u - 1]), 0.5 * (grid[v + 1, u] - grid[v - 1, u])
     along, step = np.where(across, right, down), np.where(across, down, right)
+    out = np.empty(behind.shape)
+    for chosen, mean in ((edge.junction, scatter_numpy), (~edge.junction, integrate_numpy)):
+        xy, a, b, pills = grid[v, u][chosen], along[chosen], step[chosen], edge.chosen[chosen]
 
-    def sample(at: Float[np.ndarray, " n"], offset: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        xy = grid[v, u] + at[:, None] * along + offset * step
-        return see(camera, look, xy, pixels.chosen)
+        def sample(at, offset, xy=xy, a=a, b=b, pills=pills):
+            return see(camera, look, xy + np.reshape(at, (-1, 1)) * a + offset * b, pills)
 
-    f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], u.size)
-    f1, l1, c1 = crossing(lambda at: sample(at, GAUSS)[1], u.size)
+        out[chosen] = mean(sample, albedo, behind[chosen])
+    return out
+
+
+def scatter_numpy(
+    sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
+) -> Float[np.ndarray, "n c"]:
+    """Mean over pixels where several edges meet, by a Fibonacci lattice: the twin of `_kernels.scatter`."""
+    count = _kernels.LATTICE
+    total = np.zeros(behind.shape)
+    for i in range(count):
+        pill, _, lit = sample((i + 0.5) / count - 0.5, ((i * _kernels.STRIDE) % count + 0.5) / count - 0.5)
+        total += np.where(pill[:, None] < 0, behind, albedo[pill] * lit[:, :1] + lit[:, 1:]) / count
+    return total
+
+
+def integrate_numpy(
+    sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
+) -> Float[np.ndarray, "n c"]:
+    """Mean over pixels cut by one edge, by the rule above: the twin of `_kernels.integrate`."""
+    n = behind.shape[0]
+    f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], n)
+    f1, l1, c1 = crossing(lambda at: sample(at, GAUSS)[1], n)
     whole0, whole1 = f0 == l0, f1 == l1
     c0 = np.where(whole0 & ~whole1 & (f0 == l1), -1.0, c0)
     c1 = np.where((whole1 & ~whole0 & (f1 == l0)) | (whole0 & whole1 & (f0 != f1)), -1.0, c1)

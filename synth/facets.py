@@ -1,9 +1,9 @@
 """Pills in, the light on the facets of their coarse meshes out: flat and Gouraud shading without a mesh.
 
-The hand thesis (section 10.2) draws pills as patches: flat shading gives a facet one colour, Gouraud shading blends the
-colours of its corners. Here a hit keeps its exact place, and only its light is that of the facet it lies in. A facet is found
-by its ring (cap, side, cap: polar angle on the caps, position along the axis on the side) and its sector around the axis.
-`counts` says how many: rings on each cap, rings on the side, sectors around.
+The hand thesis (section 10.2) draws pills as patches: flat shading gives a facet one colour, Gouraud shading blends
+the colours of its corners. Here a hit keeps its exact place, and only its light is that of the facet it lies in. A
+facet is found by its ring (cap, side, cap: polar angle on the caps, position along the axis on the side) and its
+sector around the axis. `counts` says how many: rings on each cap, rings on the side, sectors around.
 """
 
 import numpy as np
@@ -32,7 +32,9 @@ def facet_points(
     cap, side, around = counts
     base, axis, first, second = (rows[:, None, None, i : i + 3] for i in (0, 3, 11, 14))
     length, radius, slope = (rows[:, i, None, None] for i in (6, 7, 9))
-    low, mid, high = (np.clip(x, 0.0, 1.0)[:, None] for x in (ring / cap, (ring - cap) / side, (ring - cap - side) / cap))
+    low, mid, high = (
+        np.clip(x, 0.0, 1.0)[:, None] for x in (ring / cap, (ring - cap) / side, (ring - cap - side) / cap)
+    )
     lean = np.where(high > 0, np.cos(np.arccos(slope) * (1.0 - high)), -np.cos(np.arccos(-slope) * low))
     centre = mid * length
     turn = (sector / around - 0.5) * 2.0 * np.pi

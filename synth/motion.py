@@ -1,8 +1,8 @@
 """Key poses or limits in, joint values of every frame out.
 
-A motion is a path through key poses, one time unit apart, along monotone cubic splines (PCHIP: no overshoot, so a path between
-poses inside the joint limits stays inside them). Frames walk along the path with a constant time step, chosen so that the
-fastest joint reaches a wanted speed in degrees a frame.
+A motion is a path through key poses, one time unit apart, along monotone cubic splines (PCHIP: no overshoot, so a
+path between poses inside the joint limits stays inside them). Frames walk along the path with a constant time step,
+chosen so that the fastest joint reaches a wanted speed in degrees a frame.
 """
 
 import math
@@ -79,26 +79,25 @@ def keys_needed(frames: int, max_speed: float, swing: float) -> int:
     return max(3, math.ceil(frames * max_speed / swing) + 2)
 
 
-def inside_limits(model: Model, q: Float[np.ndarray, "*b j"], margin: float = 0.0) -> Float[np.ndarray, "*b j"]:
-    """Poses moved inside the joint limits (by `margin` radians where the range allows), coupled joints recomputed."""
-    low, high = model.limits.T
-    give = np.minimum(margin, np.where(np.isfinite(high - low), 0.25 * (high - low), margin))
-    held = np.clip(q, low + give, high - give)
-    return pose_from_free(model, held[..., model.free])
+def inside_limits(model: Model, q: Float[np.ndarray, "*b j"]) -> Float[np.ndarray, "*b j"]:
+    """Poses moved inside the joint limits; coupled joints follow theirs."""
+    return pose_from_free(model, np.clip(q, *model.limits.T)[..., model.free])
 
 
-def random_keys(
-    model: Model, rng: np.random.Generator, count: int, width: float = 60.0
-) -> Float[np.ndarray, "k j"]:
+def random_keys(model: Model, rng: np.random.Generator, count: int, width: float = 60.0) -> Float[np.ndarray, "k j"]:
     """Key poses drawn evenly from the middle of the joint ranges.
 
     Parameters
     ----------
     width : float
-        Degrees (or model units of a sliding joint) that each joint roams at most; joints without limits roam about zero.
+        Degrees (model units where a joint slides) that each joint roams at most; one without limits roams about zero.
     """
-    span = np.where(model.prismatic_joints if hasattr(model, "prismatic_joints") else False, width, math.radians(width))
     low, high = model.limits.T
-    middle = np.where(np.isfinite(low + high), 0.5 * (low + high), 0.0)
-    half = 0.5 * np.minimum(np.where(np.isfinite(high - low), high - low, np.inf), span)
-    return inside_limits(model, middle + half * rng.uniform(-1.0, 1.0, (count, middle.size)))
+    bounded = np.isfinite(low) & np.isfinite(high)
+    low, high = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
+    slides = np.zeros(low.size, dtype=bool)
+    moved = model.joint >= 0
+    slides[model.joint[moved]] = model.prismatic[moved]
+    half = 0.5 * np.where(slides, width, math.radians(width))
+    half = np.where(bounded, np.minimum(half, 0.5 * (high - low)), half)
+    return inside_limits(model, 0.5 * (low + high) + half * rng.uniform(-1.0, 1.0, (count, low.size)))

@@ -1,8 +1,8 @@
 """Pills and a camera in, depth, part number and normal of every pixel out, by exact ray-pill intersection.
 
-Every pixel centre has one ray; the first pill on it is what the pixel shows (the Z-buffer of the hand thesis, section 10.2,
-without facets). Each pill is tried only inside a box of pixels that surely holds its silhouette. Lens distortion bends the
-rays, not the picture: the normalised coordinates of all pixels are computed once per camera.
+Every pixel centre has one ray; the first pill on it is what the pixel shows (the Z-buffer of the hand thesis, section
+10.2, without facets). Each pill is tried only inside a box of pixels that surely holds its silhouette. Lens
+distortion bends the rays, not the picture: the normalised coordinates of all pixels are computed once per camera.
 """
 
 from dataclasses import dataclass
@@ -50,8 +50,9 @@ def pixel_grid(camera: Camera) -> Float[np.ndarray, "hp wp 2"]:
 def pill_boxes(pills: Pills, camera: Camera) -> Int[np.ndarray, "l 4"]:
     """Pixel boxes (x0, x1, y0, y1), half open and clipped to the image, that hold each pill's silhouette.
 
-    The silhouette of a convex hull is the hull of the two spheres' silhouettes. A sphere lies in a cube; the image of the
-    cube in front of a pinhole is bounded by its near and far faces. A pill that reaches behind the pinhole gets the whole image.
+    The silhouette of a convex hull is the hull of the two spheres' silhouettes. A sphere lies in a cube; the image of
+    the cube in front of a pinhole is bounded by its near and far faces. A pill that reaches behind the pinhole gets
+    the whole image.
     """
     centre = np.stack([pills.base, pills.tip])
     r = pills.radius.T[..., None]
@@ -105,15 +106,15 @@ def pill_table(pills: Pills) -> Float[np.ndarray, "l 11"]:
     return np.column_stack([base, unit, np.where(ball, 0.0, length), radius, slope, 1.0 - slope * slope])
 
 
-def pill_depth(
-    row: Float[np.ndarray, " p"], pinhole: bool, xy: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, " n"]:
-    """Depth of a pill's first point on rays through normalised coordinates, inf where missed: twin of `_kernels.pill_depth`.
+def pill_depth(row: Float[np.ndarray, " p"], pinhole: bool, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    """Depth of a pill's first point on rays through normalised coordinates, inf where missed.
 
-    The side is the cone that touches both spheres, |p - u y|^2 (1 - s^2) = (r0 - s y)^2 with y the coordinate of p along
-    the axis u, between the circles of contact y = r0 s and y = L + r1 s. On the ray o + t d this is a quadratic in t; its
-    smaller root enters the cone, and if it lies between the circles no point of the (convex) pill comes before it. Else the
-    pill is entered through one of its end spheres.
+    Twin of `_kernels.pill_depth`.
+
+    The side is the cone that touches both spheres, |p - u y|^2 (1 - s^2) = (r0 - s y)^2 with y the coordinate of p
+    along the axis u, between the circles of contact y = r0 s and y = L + r1 s. On the ray o + t d this is a quadratic
+    in t; its smaller root enters the cone, and if it lies between the circles no point of the (convex) pill comes
+    before it. Else the pill is entered through one of its end spheres.
     """
     a, u, (length, r0, r1, s, c2) = row[:3], row[3:6], row[6:11]
     x, y = xy.T
@@ -129,9 +130,10 @@ def pill_depth(
         side = np.where(qb <= 0.0, qc, -qb - root) / np.where(qb <= 0.0, root - qb, qa)
         at = m_u + side * d_u
         t = np.where((at >= r0 * s) & (at <= length + r1 * s), side, np.inf)
-        ends = np.fmin(_sphere_depth(dd, md, mm - r0 * r0), _sphere_depth(
-            dd, md - length * d_u, mm - 2.0 * length * m_u + length * length - r1 * r1
-        ))
+        ends = np.fmin(
+            _sphere_depth(dd, md, mm - r0 * r0),
+            _sphere_depth(dd, md - length * d_u, mm - 2.0 * length * m_u + length * length - r1 * r1),
+        )
     ends = np.where(np.isnan(ends) | ((gap < 0.0) & (qa > 0.0)), np.inf, ends)
     t = np.where(t < np.inf, t, ends)
     return np.where(t > 0.0, t, np.inf) if pinhole else t
@@ -142,12 +144,11 @@ def _sphere_depth(dd, md, c) -> Float[np.ndarray, " n"]:
     return (-md - np.sqrt(md * md - dd * c)) / dd
 
 
-def pill_normal(
-    rows: Float[np.ndarray, "n p"], p_cam: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 3"]:
+def pill_normal(rows: Float[np.ndarray, "n p"], p_cam: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Outward normals at surface points, each on the pill of its row: twin of `_kernels.pill_normal`.
 
-    The point at y along the axis is touched by the sphere of the pill with centre (y - r0 s) / (1 - s^2), kept on the axis.
+    The point at y along the axis is touched by the sphere of the pill with centre (y - r0 s) / (1 - s^2), kept on the
+    axis.
     """
     p = p_cam - rows[:, :3]
     u, length, r0, s, c2 = rows[:, 3:6], *rows[:, [6, 7, 9, 10]].T
@@ -176,7 +177,7 @@ def hull_box(boxes: Int[np.ndarray, "l 4"], camera: Camera) -> tuple[int, int, i
 def cast_depth(
     table: Float[np.ndarray, "l p"], boxes: Int[np.ndarray, "l 4"], camera: Camera
 ) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "hp wp"]]:
-    """Depth of every pixel centre, and its part with a border of -1 one pixel wide, from `pill_table` and `pill_boxes`."""
+    """Depth of every pixel centre, and its part with a border of -1, from `pill_table` and `pill_boxes`."""
     depth = np.full((camera.height, camera.width), np.inf)
     part = np.full((camera.height + 2, camera.width + 2), -1, dtype=np.int32)
     _kernels.cast_pixels(pixel_grid(camera), camera.kind == "perspective", table, boxes, depth, part)

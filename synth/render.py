@@ -1,7 +1,7 @@
 """Posed pills in, an anti-aliased grey or colour image out.
 
-A pixel shows the light at its centre, save where the part (or facet) seen differs from that of a neighbour in its row or column: there it
-shows the mean over its area, from `synth.edges`.
+A pixel shows the light at its centre, save where the part (or facet) seen differs from that of a neighbour in its row
+or column: there it shows the mean over its area, from `synth.edges`.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from handtrack.camera import Camera
 from handtrack.pills import Pills
 
 from . import _kernels
-from .edges import edge_pixels, integrate_numpy
+from .edges import edge_means, edge_pixels
 from .raycast import RenderBuffers, cast_depth, cast_numpy, hull_box, pill_boxes, pixel_grid, surface_points
 from .shading import Light, Look, Material, Mode, make_look, surface
 
@@ -104,16 +104,19 @@ def _prepare(
     if behind.ndim == 3 and not colour:
         behind = behind @ REC_601.astype(np.float32)
     if behind.ndim and behind.shape[:2] != (camera.height, camera.width):
-        raise ValueError(
-            f"background: its shape {behind.shape[:2]} is not the camera's (height, width) {(camera.height, camera.width)}"
-        )
+        wanted = (camera.height, camera.width)
+        raise ValueError(f"background: its height and width are {behind.shape[:2]}; the camera's, {wanted}, are wanted")
     out = np.empty((camera.height, camera.width, channels), dtype=np.float32)
     out[:] = behind[..., None] if behind.ndim == 2 else behind
     return make_look(pills, camera, material, light, mode), np.ascontiguousarray(albedo), out
 
 
 def shade_numpy(
-    camera: Camera, buffers: RenderBuffers, look: Look, albedo: Float[np.ndarray, "l c"], out: Float[np.ndarray, "h w c"]
+    camera: Camera,
+    buffers: RenderBuffers,
+    look: Look,
+    albedo: Float[np.ndarray, "l c"],
+    out: Float[np.ndarray, "h w c"],
 ) -> None:
     """Shade into `out`, which holds the background: the twin of `_kernels.shade_pixels`."""
     inside = buffers.part >= 0
@@ -125,4 +128,4 @@ def shade_numpy(
     behind = out.astype(float)
     out[inside] = albedo[pill] * lit[:, :1] + lit[:, 1:]
     edge = edge_pixels(keys, buffers.part, albedo.shape[0])
-    out[edge.v, edge.u] = integrate_numpy(camera, look, albedo, edge, behind[edge.v, edge.u])
+    out[edge.v, edge.u] = edge_means(camera, look, albedo, edge, behind[edge.v, edge.u])

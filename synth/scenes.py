@@ -1,137 +1,42 @@
-"""A name and a seed in, a ready scene out: model, camera, light, motion with exact truth, and its images.
+"""A name and a seed in, a ready scene out.
 
-- `two-finger-crossing`: hand thesis, section 6.1 (Table 6.1): the index finger crosses in front of the middle finger; the plane of
-  the fingers is parallel to the image, then tilted by 45 degrees about its horizontal axis;
-- `full-hand-spread`: section 6.2.2 (Table 6.2): the fingers spread, then flex by degrees from little to index; the thumb stays;
+- `two-finger-crossing`: hand thesis, section 6.1 (Table 6.1): the index finger crosses in front of the middle finger;
+  the plane of the fingers is parallel to the image, then tilted by 45 degrees about its horizontal axis;
+- `two-finger-hard`: the same in perspective, faster, with more noise, from a wrong start;
 - `index-thumb-pinch`: the hand of Table 2.3 closes and opens a pinch;
+- `full-hand-spread`: section 6.2.2 (Table 6.2): the fingers spread, then flex by degrees from little to index;
 - `random`: any model, moving at random inside its limits.
-
-Every frame has its own random numbers, drawn from (seed, frame): frames can be made in any order, with the same bytes.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from handtrack.camera import Camera, orthographic, perspective
 from handtrack.kinematics import Model, forward, link_ends
 from handtrack.kinematics.builtin import model as builtin_model
-from handtrack.pills import Pills, pose_pills
 
 from .motion import inside_limits, keys_needed, random_keys, walk
-from .render import render
-from .sensor import Sensor, sense
-from .shading import Light, Material, Mode
+from .scene import Scene as Scene
+from .scene import about_x, skin, view, wrong_start
+from .scene import clean_image as clean_image
+from .scene import image as image
+from .scene import images as images
+from .scene import posed as posed
+from .sensor import Sensor
 
-# From the upper left, in front of the scene.
-LIGHT = Light(np.array([-0.5, -0.6, -0.8]))
-SKIN = np.array([[236.0, 208.0, 188.0], [224.0, 196.0, 178.0], [242.0, 216.0, 200.0], [216.0, 186.0, 166.0], [230.0, 204.0, 192.0]])
-BLACK = 5.0
-NAMES = ("two-finger-crossing", "index-thumb-pinch", "full-hand-spread", "random")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """All that decides the images of a sequence.
-
-    Attributes
-    ----------
-    truth : (m, j)
-        Joint values of each frame, radians, in the order of `model.joint_names`.
-    start : (j,)
-        The pose given to a tracker for frame 0; may be wrong on purpose.
-    background : float or (h, w) array
-        Grey level behind the pills.
-    """
-
-    name: str
-    seed: int
-    model: Model
-    camera: Camera
-    truth: Float[np.ndarray, "m j"]
-    start: Float[np.ndarray, " j"]
-    material: Material
-    light: Light = LIGHT
-    mode: Mode = "phong"
-    colour: bool = False
-    background: float | Float[np.ndarray, "h w"] | Float[np.ndarray, "h w 3"] = BLACK
-    sensor: Sensor = Sensor()
-    fps: float = 25.0
-
-
-def skin(model: Model) -> Material:
-    """Skin whose tone differs a little from finger to finger; its grey levels reach from 60 at the rim to 220."""
-    return Material(SKIN[model.link_finger % SKIN.shape[0]])
-
-
-def posed(scene: Scene, frame: int) -> Pills:
-    """True pills of a frame, in camera axes."""
-    return pose_pills(scene.model, forward(scene.model, scene.truth[frame]), scene.camera)
-
-
-def clean_image(scene: Scene, frame: int) -> Float[np.ndarray, "h w *c"]:
-    """Image of a frame before the sensor."""
-    pills = posed(scene, frame)
-    return render(
-        pills, scene.camera, scene.material, scene.light, scene.mode, colour=scene.colour, background=scene.background
-    )
-
-
-def image(scene: Scene, frame: int) -> Float[np.ndarray, "h w *c"]:
-    """Image of a frame as the camera delivers it, float32 grey levels (or red, green, blue)."""
-    return sense(clean_image(scene, frame), scene.sensor, np.random.default_rng([scene.seed, frame]))
-
-
-def images(scene: Scene) -> Iterator[Float[np.ndarray, "h w *c"]]:
-    """Images of all frames, one after the other.
-
-    >>> clip = two_finger_crossing(1, frames=2)
-    >>> [picture.shape for picture in images(clip)]
-    [(480, 640), (480, 640)]
-    """
-    for frame in range(scene.truth.shape[0]):
-        yield image(scene, frame)
-
-
-def about_x(angle: float) -> Float[np.ndarray, "3 3"]:
-    """Rotation about the horizontal image axis, radians."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-
-
-def view(
-    projection: str,
-    size: tuple[int, int],
-    scale: float,
-    focus: tuple[float, float],
-    R: Float[np.ndarray, "3 3"],
-    target: Float[np.ndarray, " 3"],
-    focal: float = 640.0,
-) -> Camera:
-    """Camera of either projection that shows world point `target` at pixel `focus` with the same scale there.
-
-    The perspective camera stands at the distance where its focal length gives that scale.
-    """
-    width, height = size
-    t = np.array([0.0, 0.0, focal / scale]) - R @ target
-    if projection == "orthographic":
-        return orthographic(width, height, scale, *focus, R, t)
-    if projection == "perspective":
-        return perspective(width, height, focal, focal, *focus, R, t)
-    raise ValueError(f"projection: '{projection}' is unknown; wanted orthographic or perspective")
-
-
-def wrong_start(model: Model, q: Float[np.ndarray, " j"], error: float, seed: int) -> Float[np.ndarray, " j"]:
-    """A pose wrong by `error` degrees in every joint, with random signs turned where they would leave the limits."""
-    if error == 0:
-        return q.copy()
-    sign = np.random.default_rng([seed, 2**31]).choice([-1.0, 1.0], q.size)
-    off = q + sign * math.radians(error)
-    out = (off < model.limits[:, 0]) | (off > model.limits[:, 1])
-    return np.where(out, q - sign * math.radians(error), off)
+NAMES = ("two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random")
+# Poses of the index_thumb model whose tips touch (gap 0.3 mm) and no other pills meet, degrees.
+PINCHED = np.array(
+    [
+        [-22.6, -55.8, -32.8, 28.7, -13.1, -13.0],
+        [-26.0, -62.2, -35.3, 29.6, 0.0, -21.3],
+        [-38.6, -40.1, -21.5, 39.4, -25.9, -5.2],
+    ]
+)
 
 
 def two_finger_crossing(
@@ -169,15 +74,136 @@ def two_finger_crossing(
 
 
 def two_finger_hard(seed: int, *, frames: int = 60) -> Scene:
-    """The crossing in perspective, with noise 6, joints moving up to 8 degrees a frame, from a start wrong by 3 degrees."""
-    hard = two_finger_crossing(
-        seed, frames=frames, projection="perspective", noise=6.0, max_speed=8.0, start_error=3.0
-    )
+    """The crossing in perspective: noise 6, joints moving up to 8 degrees a frame, a start wrong by 3 degrees."""
+    hard = two_finger_crossing(seed, frames=frames, projection="perspective", noise=6.0, max_speed=8.0, start_error=3.0)
     return replace(hard, name="two-finger-hard")
 
 
+def index_thumb_pinch(
+    seed: int,
+    *,
+    frames: int = 60,
+    projection: str = "perspective",
+    noise: float = 2.0,
+    max_speed: float = 3.5,
+    scale: float = 3.0,
+    size: tuple[int, int] = (640, 480),
+) -> Scene:
+    """Index finger and thumb of Table 2.3 close until their tips touch, and open; options as above."""
+    model, rng = builtin_model("index_thumb"), np.random.default_rng(seed)
+    count = keys_needed(frames, max_speed, 25.0)
+    opened = rng.uniform([-8.0, -34.0, -18.0, 36.0, -2.0, -8.0], [6.0, -18.0, -8.0, 44.0, 6.0, 4.0], (count, 6))
+    closed = PINCHED[rng.integers(0, PINCHED.shape[0], count)]
+    keys = np.radians(np.where((np.arange(count) % 2 == 0)[:, None], opened, closed))
+    truth = walk(inside_limits(model, keys), frames, max_speed)
+    # Image x from the wrist to the fingertips, the thumb below; seen a little from above.
+    R = about_x(math.radians(20.0)) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    camera = view(projection, size, scale, (0.5 * size[0], 0.5 * size[1]), R, np.array([75.0, 0.0, -30.0]))
+    return Scene("index-thumb-pinch", seed, model, camera, truth, truth[0].copy(), skin(model), sensor=Sensor(noise))
+
+
+def full_hand_spread(
+    seed: int,
+    *,
+    frames: int = 60,
+    projection: str = "orthographic",
+    noise: float = 2.0,
+    max_speed: float = 3.5,
+    scale: float = 2.6,
+    size: tuple[int, int] = (640, 480),
+) -> Scene:
+    """The fingers spread, then flex by degrees from the little to the index finger; the thumb stays (thesis, 6.2.2).
+
+    The seed moves every joint of every key pose but the thumb's by up to 3 degrees; options as in
+    `two_finger_crossing`.
+    """
+    model, rng = builtin_model("full_hand"), np.random.default_rng(seed)
+    keys = np.array([_hand_pose(model, spread, grade) for spread, grade in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))])
+    fingers = np.array([not name.startswith("thumb") for name in model.joint_names])
+    keys = keys + np.radians(rng.uniform(-3.0, 3.0, keys.shape)) * fingers
+    truth = walk(inside_limits(model, keys), frames, max_speed)
+    # The palm faces the camera, fingers to the right, thumb below; then the tilt of 45 degrees.
+    R = about_x(math.pi / 4) @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    camera = view(projection, size, scale, (0.5 * size[0], 0.5 * size[1]), R, np.array([0.0, 85.0, 0.0]))
+    return Scene("full-hand-spread", seed, model, camera, truth, truth[0].copy(), skin(model), sensor=Sensor(noise))
+
+
+def _hand_pose(model: Model, spread: float, grade: float) -> Float[np.ndarray, " j"]:
+    """Pose of the full hand, radians: 0..1 of the spread, and of the flexion from little (over-extended) to index."""
+    abduction, rest = {"little": 16.0, "ring": 8.0, "middle": 5.0, "index": 14.0}, {"mcp": 8.0, "pip": 12.0, "dip": 8.0}
+    flexed = {"mcp": 38.0, "pip": 36.0, "dip": 22.0}
+    fingers = ("little", "ring", "middle", "index")
+    pose = {"thumb_palmar": 20.0, "thumb_radial": 25.0, "thumb_mcp": -10.0, "thumb_ip": -10.0, "thumb_abduction": 0.0}
+    for number, finger in enumerate(fingers):
+        pose[f"{finger}_abduction"] = spread * abduction[finger]
+        for part, angle in rest.items():
+            pose[f"{finger}_{part}"] = angle + grade * flexed[part] * number / 3.0
+    pose["little_mcp"] -= 33.0 * grade
+    return np.radians([pose[name] for name in model.joint_names])
+
+
+def random_motion(
+    seed: int,
+    model: Model,
+    *,
+    frames: int = 60,
+    projection: str = "orthographic",
+    noise: float = 2.0,
+    max_speed: float = 3.0,
+    size: tuple[int, int] = (640, 480),
+) -> Scene:
+    """Any model, moving at random within its limits, seen from where it spreads most; options as above."""
+    keys = random_keys(model, np.random.default_rng(seed), keys_needed(frames, max_speed, 25.0))
+    truth = walk(keys, frames, max_speed)
+    base, tip = link_ends(model, forward(model, truth))
+    points = np.concatenate([base, tip], axis=1).reshape(-1, 3)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
+    R = np.array([axes[0], axes[1], np.cross(axes[0], axes[1])])
+    reach = np.abs((points - middle) @ R.T).max(axis=0) + model.link_radius.max()
+    scale = float((0.35 * np.array(size) / reach[:2]).min())
+    focal = max(640.0, 3.0 * scale * float(reach[2]))  # the camera stands clear of the motion
+    camera = view(projection, size, scale, (0.5 * size[0], 0.5 * size[1]), R, middle, focal)
+    return Scene("random", seed, model, camera, truth, truth[0].copy(), skin(model), sensor=Sensor(noise))
+
+
+def scene(name: str, seed: int, model: Model | None = None, **options: Any) -> Scene:
+    """The scene of that name.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    model : Model, optional
+        What moves, for `random` and for nothing else.
+    **options
+        Of the scene's own function.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a model where none, or none where a model is wanted.
+
+    >>> scene("index-thumb-pinch", 1, frames=3).truth.shape
+    (3, 6)
+    """
+    if name not in NAMES:
+        raise ValueError(f"name: '{name}' is no scene; there are {', '.join(NAMES)}")
+    if (model is None) == (name == "random"):
+        raise ValueError(f"model: scene '{name}' {'wants' if model is None else 'has its own'} model")
+    if model is not None:
+        return random_motion(seed, model, **options)
+    makers: tuple[Callable[..., Scene], ...] = (
+        two_finger_crossing,
+        two_finger_hard,
+        index_thumb_pinch,
+        full_hand_spread,
+    )
+    return makers[NAMES.index(name)](seed, **options)
+
+
 def _crossing_keys(rng: np.random.Generator, count: int) -> Float[np.ndarray, "k 6"]:
-    """Key poses, radians: the middle finger rests a little bent and drifts, the index finger swings from below it to above."""
+    """Key poses, radians: the middle finger, a little bent, drifts; the index finger swings from below it to above."""
     middle = rng.uniform([2.0, 12.0, 6.0], [16.0, 30.0, 18.0], (count, 3))
     below = rng.uniform([-26.0, 6.0, 4.0], [-14.0, 22.0, 14.0], (count, 3))
     above = rng.uniform([18.0, 26.0, 12.0], [34.0, 52.0, 30.0], (count, 3))

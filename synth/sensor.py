@@ -36,9 +36,7 @@ def vignette_gain(height: int, width: int, loss: float) -> Float[np.ndarray, "h 
     return (1.0 - loss * r2 / max(r2.max(), 1e-300)).astype(np.float32)
 
 
-def sense(
-    image: Float[np.ndarray, "h w *c"], sensor: Sensor, rng: np.random.Generator
-) -> Float[np.ndarray, "h w *c"]:
+def sense(image: Float[np.ndarray, "h w *c"], sensor: Sensor, rng: np.random.Generator) -> Float[np.ndarray, "h w *c"]:
     """Apply a sensor to a clean image; the noise of colour channels is independent.
 
     Raises

@@ -3,10 +3,11 @@
 Phong's model: with the normal n, the direction l to the light, the direction v to the eye and the mirrored light
 r = 2 (n.l) n - l, a pixel of grey level `albedo` shows
 
-    I = albedo (ambient + diffuse max(0, n.l)) + 255 specular max(0, r.v)^shininess        (no specular part where n.l <= 0)
+    I = albedo (ambient + diffuse max(0, n.l)) + 255 specular max(0, r.v)^shininess        (no specular part where n.l
+    <= 0)
 
-evaluated at every pixel (`phong`), at the corners of facets and blended (`gouraud`), or once a facet (`flat`): the shading
-methods of the hand thesis, section 10.2. `binary` shows the bare albedo (section 10.1).
+evaluated at every pixel (`phong`), at the corners of facets and blended (`gouraud`), or once a facet (`flat`): the
+shading methods of the hand thesis, section 10.2. `binary` shows the bare albedo (section 10.1).
 """
 
 from dataclasses import dataclass
@@ -151,7 +152,7 @@ def point_light(
     coefficients: Coefficients,
     light: Float[np.ndarray, " 3"],
 ) -> Float[np.ndarray, "n 2"]:
-    """Body (ambient and diffuse, to be multiplied by the albedo) and gloss of surface points: twin of `_kernels.point_light`.
+    """Body (ambient and diffuse, for the albedo to multiply) and gloss: twin of `_kernels.point_light`.
 
     >>> facing = np.array([[0.0, 0.0, -1.0]])
     >>> point_light(facing, facing, (0.25, 0.5, 20.0, 8.0), facing[0]).tolist()

@@ -285,3 +285,14 @@ def test_a_model_without_bodies_still_moves():
 def test_a_pose_of_the_wrong_length_is_refused():
     with pytest.raises(ValueError, match="q: last axis has 5 values, model 'two_finger' has 6 joints"):
         forward(MODELS["two_finger"], np.zeros(5))
+
+
+@models
+def test_a_batched_jacobian_holds_the_single_ones(model):
+    q = np.random.default_rng(5).uniform(-3, 3, (2, 3, len(model.joint_names)))
+    frames = forward(model, q)
+    _, tip = link_ends(model, frames)
+    jacobian = point_jacobian(model, frames, model.link_frame, tip)
+    for i, k in np.ndindex(2, 3):
+        one = point_jacobian(model, frames[i, k], model.link_frame, tip[i, k])
+        np.testing.assert_allclose(jacobian[i, k], one, atol=1e-12)

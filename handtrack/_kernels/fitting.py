@@ -58,7 +58,9 @@ def normal_equations(
     frames = forward(parent, prefix, joint, prismatic, q.reshape(1, -1))[0]
     n, k = link.shape[0], u.shape[0]
     r, J_all = np.empty(n), np.empty((n, q.shape[0]))
-    outline_rows(ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J_all)
+    outline_rows(
+        ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J_all
+    )
     J = J_all if plain else J_all @ coupling[0]
     whiten_rows(r, J, v, share, group, s)
     soften_rows(r, J, spread)

@@ -134,7 +134,11 @@ def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no co
         t = hit_sphere(mx, my, mz, dx, dy, dz, length * ax, length * ay, length * az, r1)
         if t < best:
             best = t
-            nx, ny, nz = (mx + t * dx - length * ax) / r1, (my + t * dy - length * ay) / r1, (mz + t * dz - length * az) / r1
+            nx, ny, nz = (
+                (mx + t * dx - length * ax) / r1,
+                (my + t * dy - length * ay) / r1,
+                (mz + t * dz - length * az) / r1,
+            )
     return best + shift, nx, ny, nz
 
 

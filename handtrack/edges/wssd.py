@@ -17,12 +17,14 @@ from ..templates import HIDDEN as STATE_HIDDEN
 from .points import BORDER, FLAT, FOUND, HIDDEN, JOINT, MISFIT, OUTSIDE, EdgePoints
 
 _LEAST_SAMPLES = 6  # a window shorter than 3 px cannot tell an edge
-_MOST_RAW = 0.2  # the same before grey levels are adjusted: where there is no edge at all, adjusting explains everything
+_MOST_RAW = (
+    0.2  # the same before grey levels are adjusted: where there is no edge at all, adjusting explains everything
+)
 _MOST_MISFIT = 0.15  # of the squared contrast: more is another object
 _SAMPLES = 8  # most samples that a profile counts for
 _FORGIVEN = 0.1  # of the contrast: how far the rendered grey levels may be off
 _RIDGE_SHAPE = np.array([0.0, 1.0, 1.0, 1.0, 4.0])
-_INTERPOLATION_FLOOR = 0.02  # pixels: what interpolation and the blur's shape leave when noise is absent
+_INTERPOLATION_FLOOR = 0.04  # pixels: what interpolation and the blur's shape leave when noise is absent
 
 
 def curves(image: Profiles, templates: Templates) -> Float[np.ndarray, "n k"]:
@@ -120,9 +122,17 @@ def _spline(d: Float[np.ndarray, "n m m"]) -> Float[np.ndarray, "n m m"]:
 
 
 def search(
-    image: Profiles, templates: Templates, reach: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], scale2: float
+    image: Profiles,
+    templates: Templates,
+    reach: Float[np.ndarray, " n"],
+    predicted: Float[np.ndarray, " n"],
+    scale2: float,
 ) -> tuple[
-    Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " k"]
+    Int[np.ndarray, " n"],
+    Float[np.ndarray, " n"],
+    Float[np.ndarray, " n"],
+    Int[np.ndarray, " n"],
+    Float[np.ndarray, " k"],
 ]:
     """The best shift of every profile: its index, cost, the template's contrast, its visible samples; and all shifts.
 
@@ -152,9 +162,17 @@ def search(
 
 
 def search_numpy(
-    image: Profiles, templates: Templates, reach: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], scale2: float
+    image: Profiles,
+    templates: Templates,
+    reach: Float[np.ndarray, " n"],
+    predicted: Float[np.ndarray, " n"],
+    scale2: float,
 ) -> tuple[
-    Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " k"]
+    Int[np.ndarray, " n"],
+    Float[np.ndarray, " n"],
+    Float[np.ndarray, " n"],
+    Int[np.ndarray, " n"],
+    Float[np.ndarray, " k"],
 ]:
     """The same as `search` in plain NumPy: the twin of the compiled kernel."""
     shift = _shifts(image, templates)

@@ -139,6 +139,11 @@ def model_from_rows(
     for joint in names:
         if names.count(joint) > 1:
             raise ValueError(f"rows: joint '{joint}' is named twice; joint names are unique")
+    for row in rows:
+        if row.link_length is not None and row.link_radius is None:
+            raise ValueError(f"rows: frame {row.id} has a link without a radius; both length and radius are needed")
+        if not row.limits[0] < row.limits[1]:
+            raise ValueError(f"rows: joint '{row.joint}' has limits {row.limits}; the lower must be below the upper")
     parent = np.array([index[row.parent] if row.parent else -1 for row in rows])
     prefix = np.stack(
         [
@@ -290,8 +295,8 @@ def point_jacobian(
     of_joint = np.empty(len(model.joint_names), dtype=int)
     moved = np.flatnonzero(model.joint >= 0)
     of_joint[model.joint[moved]] = moved
-    axis = frames[..., of_joint, :3, 2]
-    origin = frames[..., of_joint, :3, 3]
+    of = frames[..., of_joint, :, :]
+    axis, origin = of[..., :3, 2], of[..., :3, 3]
     arm = p_world[..., :, None, :] - origin[..., None, :, :]
     turned = np.cross(np.broadcast_to(axis[..., None, :, :], arm.shape), arm)
     motion = np.where(model.prismatic[of_joint][:, None], axis[..., None, :, :], turned)

@@ -197,9 +197,12 @@ def _now_table(joints: Joints, figures: Sequence[Figure]) -> str:
 def _quality_card(figure: Figure) -> str:
     caption = dict(_CAPTIONS)[figure.name]
     values = figure.series[0].values
+    values = values[np.isfinite(values)]
     unit = html.escape(figure.unit)
-    other, extreme = ("smallest", values.min()) if figure.name == "confidence" else ("largest", values.max())
-    facts = f"median <b>{np.median(values):.3g}{unit}</b>, {other} <b>{extreme:.3g}{unit}</b>"
+    facts = "no values"
+    if values.size:
+        other, extreme = ("smallest", values.min()) if figure.name == "confidence" else ("largest", values.max())
+        facts = f"median <b>{np.median(values):.3g}{unit}</b>, {other} <b>{extreme:.3g}{unit}</b>"
     return f'<section class="card"><h3>{caption}</h3>{figure.html}<p class="facts">{facts}</p></section>'
 
 

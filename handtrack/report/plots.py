@@ -76,16 +76,17 @@ def chart(
         Write the seconds below.
     """
     x = positions(frame.time, *time_range(frame.time))
-    numbered = marks is None  # marks given from outside are symmetric: their zero needs no number
+    with_zero = marks is None  # marks given from outside are symmetric: their zero needs no number
     marks = tick_values(*limits, ticks) if marks is None else marks
     return "".join(
         [
             f'<div class="chart {kind}" data-chart="{html.escape(name)}">',
             '<svg viewBox="0 0 1000 1000" preserveAspectRatio="none" aria-hidden="true">',
             *_backdrop(frame, marks, limits),
-            *(path for item in series for path in _curves(item, x, limits, filled)),
+            *(_area(item, x, limits, filled) for item in series if filled or item.sigma is not None),
+            *(path for item in series for path in ([] if filled else _lines(item, x, limits))),
             "</svg>",
-            *_value_labels(marks if numbered else marks[marks != 0], limits, unit),
+            *_value_labels(marks, limits, unit, with_zero),
             *(_time_labels(frame) if time_axis else []),
             *(_end_labels(series, limits) if labels else []),
             "</div>",
@@ -106,11 +107,12 @@ def _backdrop(frame: Frame, marks: Float[np.ndarray, " k"], limits: tuple[float,
     ]
 
 
-def _value_labels(marks: Float[np.ndarray, " k"], limits: tuple[float, float], unit: str) -> list[str]:
+def _value_labels(marks: Float[np.ndarray, " k"], limits: tuple[float, float], unit: str, with_zero: bool) -> list[str]:
     digits = _digits(marks)
     return [
         f'<span class="y" style="top:{y / 10:.2f}%">{_minus(mark, digits)}{html.escape(unit)}</span>'
         for mark, y in zip(marks, _BOX - positions(marks, *limits), strict=True)
+        if with_zero or mark != 0
     ]
 
 
@@ -124,18 +126,20 @@ def _time_labels(frame: Frame) -> list[str]:
     ]
 
 
-def _curves(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float], filled: bool) -> list[str]:
-    y = _BOX - positions(item.values, *limits)
-    if filled:
-        floor = np.full(x.size, _BOX)
-        return [f'<path class="area {item.style}" d="{band_path(x, floor, y)}"/>']
-    parts = []
-    if item.sigma is not None:
-        low, high = (_BOX - positions(item.values + k * item.sigma, *limits) for k in (-2.0, 2.0))
-        parts.append(f'<path class="band {item.style}" d="{band_path(x, low, high)}"/>')
-    parts.append(f'<path class="line {item.style}" d="{line_path(x, y)}"/>')
+def _area(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float], filled: bool) -> str:
+    """The area under a curve, or its band of two sigmas; drawn before all lines."""
+    if filled or item.sigma is None:
+        floor, y = np.full(x.size, _BOX), _BOX - positions(item.values, *limits)
+        return f'<path class="area {item.style}" d="{band_path(x, floor, y)}"/>'
+    low, high = (_BOX - positions(item.values + k * item.sigma, *limits) for k in (-2.0, 2.0))
+    return f'<path class="band {item.style}" d="{band_path(x, low, high)}"/>'
+
+
+def _lines(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float]) -> list[str]:
+    parts = [f'<path class="line {item.style}" d="{line_path(x, _BOX - positions(item.values, *limits))}"/>']
     if item.truth is not None:
-        parts.append(f'<path class="truth" d="{line_path(x, _BOX - positions(item.truth, *limits))}"/>')
+        true = line_path(x, _BOX - positions(item.truth, *limits))
+        parts.append(f'<path class="truth {item.style}" d="{true}"/>')
     return parts
 
 

@@ -34,7 +34,9 @@ def _status_tiles(track: Track) -> list[str]:
 
 def _certainty_tiles(track: Track, joints: Joints) -> list[str]:
     """What the tracker itself says: sigmas of the angles, and how well the outline fits."""
-    residual = _tile("Residual", f"{np.median(track.residual):.2f}{_NBSP}px", "median RMS of the edge points")
+    measured = track.residual[np.isfinite(track.residual)]  # NaN in frames without edges
+    value = f"{np.median(measured):.2f}{_NBSP}px" if measured.size else "none"
+    residual = _tile("Residual", value, "median RMS of the edge points")
     sigma = joints.sigma[:, ~joints.prismatic]
     if not sigma.size:
         return [residual]
