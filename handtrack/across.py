@@ -1,7 +1,8 @@
-"""Posed pills in, the thesis's whole-link profiles with templates and window functions out (hand thesis, 4.1, 4.3.1, 4.3.3).
+"""Posed pills in, the thesis's whole-link profiles with templates and window functions out (hand thesis, 4.1, 4.3.1,
+4.3.3).
 
-These samplers cross the whole link. A window keeps what is visible of the own finger, and a margin of background on each
-side: without it a half-hidden link slides along itself.
+These samplers cross the whole link. A window keeps what is visible of the own finger, and a margin of background on
+each side: without it a half-hidden link slides along itself.
 """
 
 from dataclasses import dataclass
@@ -69,14 +70,14 @@ def across(
     hits = ray_hits(pills, origin, direction)
     shape = (samplers.link.size, u.size)
     values = blurred(shade_numpy(appearance, hits.normal, hits.pill).reshape(shape), step)
-    own = finger[samplers.link][:, None]
-    near = np.isfinite(edge).all(axis=1)[:, None] & (u >= edge[:, :1] - MARGIN) & (u <= edge[:, 1:] + MARGIN)
+    own = np.expand_dims(finger[samplers.link], 1)
+    near = np.isfinite(edge).all(axis=1, keepdims=True) & (u >= edge[:, :1] - MARGIN) & (u <= edge[:, 1:] + MARGIN)
     within = (u >= edge[:, :1]) & (u <= edge[:, 1:])
     if polygons:
-        group, free = _polygon_windows(pills, finger, camera, samplers, points)
+        group, free = polygon_windows(pills, finger, camera, samplers.link, points)
     else:
         seen = np.where(hits.pill >= 0, finger[hits.pill], -1).reshape(shape)
-        group, free = seen == own, seen < 0
+        group, free = np.asarray(seen == own), np.asarray(seen < 0)
     visible = near & (group | (free & ~within))
     total = np.maximum(within.sum(axis=1), 1)
     return Across(samplers, u, values, visible, edge, (group & within).sum(axis=1) / total)
@@ -95,14 +96,18 @@ def _edges(pills: Pills, camera: Camera, samplers: Samplers) -> Float[np.ndarray
     return np.sort(out, axis=1)
 
 
-def _polygon_windows(
-    pills: Pills, finger: Int[np.ndarray, " l"], camera: Camera, samplers: Samplers, points: Float[np.ndarray, "n m 2"]
+def polygon_windows(
+    pills: Pills,
+    finger: Int[np.ndarray, " l"],
+    camera: Camera,
+    link: Int[np.ndarray, " n"],
+    points: Float[np.ndarray, "n m 2"],
 ) -> tuple[Bool[np.ndarray, "n m"], Bool[np.ndarray, "n m"]]:
-    """Samples in the truncated polygons of the own finger, and samples outside every polygon."""
+    """Samples in the truncated polygons of their link's finger, and samples outside every polygon."""
     layers = truncated_polygons(pills, camera, finger)
     own = np.zeros(points.shape[:2], dtype=bool)
     for number in np.unique(finger):
-        rows = finger[samplers.link] == number
+        rows = finger[link] == number
         merged = shapely.union_all(layers.truncated[finger == number])
         own[rows] = window(merged, points[rows])
     return own, ~window(shapely.union_all(layers.whole), points)

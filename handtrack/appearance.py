@@ -1,10 +1,11 @@
 """Image and a posed model in, how the surface and the background look out.
 
 The thesis keeps templates from a frame without occlusion and supposes constant light; links that turn break that
-supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a polynomial
-of degree four on the sphere plus one distant light, `max(n . l, 0)`, times a gain for each link, learnt robustly from the
-image and carried over time, so that a template can be rendered at the present pose. Degree two would do for most light on a
-matt surface (Ramamoorthi and Hanrahan 2001); the rest is for broad highlights, and the light for the line where it ends.
+supposition by half a pixel to three. Here grey level is a smooth function of the surface normal in camera axes, a
+polynomial of degree four on the sphere plus one distant light, `max(n . l, 0)`, times a gain for each link, learnt
+robustly from the image and carried over time, so that a template can be rendered at the present pose. Degree two
+would do for most light on a matt surface (Ramamoorthi and Hanrahan 2001); the rest is for broad highlights, and the
+light for the line where it ends.
 """
 
 from dataclasses import dataclass, replace
@@ -94,8 +95,8 @@ def learn(
 ) -> Appearance:
     """Fit the appearance to one image with the model posed in it, and blend it with what is known.
 
-    Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a highlight)
-    are weighted down by Tukey's function of their residual.
+    Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a
+    highlight) are weighted down by Tukey's function of their residual.
     """
     points, level = _surface_samples(image, pills, camera)
     origin, direction = rays(camera, points)

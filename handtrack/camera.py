@@ -1,9 +1,10 @@
 """3D points in, pixels and their derivatives out; and back from pixels to rays.
 
-Axes are OpenCV's: x right, y down, z forward. `p_cam = R p_world + t`. Pixels are (x, y), and (0, 0) is the centre of the
-top-left pixel. An orthographic camera (hand thesis, 2.4.1) scales x and y and ignores depth; a perspective one divides by
-depth and may bend the result with OpenCV's distortion `k1 k2 p1 p2 k3`. The normalised coordinates of a pixel are millimetres
-for the orthographic camera and slopes for the perspective one, so that both are `pixel = f * normalised + c`.
+Axes are OpenCV's: x right, y down, z forward. `p_cam = R p_world + t`. Pixels are (x, y), and (0, 0) is the centre of
+the top-left pixel. An orthographic camera (hand thesis, 2.4.1) scales x and y and ignores depth; a perspective one
+divides by depth and may bend the result with OpenCV's distortion `k1 k2 p1 p2 k3`. The normalised coordinates of a
+pixel are millimetres for the orthographic camera and slopes for the perspective one, so that both are `pixel = f *
+normalised + c`.
 """
 
 from dataclasses import dataclass
@@ -147,8 +148,8 @@ def undistort(
 def rays(camera: Camera, xy: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Origin and direction, in camera axes, of the ray through each pixel position.
 
-    The direction has z = 1, so a ray parameter is a depth. Orthographic rays start at depth 0 and run both ways: what is
-    nearer has the smaller, perhaps negative, parameter.
+    The direction has z = 1, so a ray parameter is a depth. Orthographic rays start at depth 0 and run both ways: what
+    is nearer has the smaller, perhaps negative, parameter.
     """
     normalised = (xy - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     origin, direction = np.zeros((xy.shape[0], 3)), np.zeros((xy.shape[0], 3))
@@ -161,7 +162,7 @@ def rays(camera: Camera, xy: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray
 
 
 def pixels_per_unit(camera: Camera, p_cam: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-    """Local scale, pixels for each model unit across the line of sight, at points in camera axes (distortion left out)."""
+    """Pixels for each model unit across the line of sight, at points in camera axes (distortion left out)."""
     focal = 0.5 * (camera.fx + camera.fy)
     if camera.kind == "orthographic":
         return np.full(p_cam.shape[:-1], focal)
@@ -180,8 +181,8 @@ def projection_matrix(camera: Camera) -> Float[np.ndarray, "3 4"]:
 def projection_matrix_4x4(camera: Camera) -> Float[np.ndarray, "4 4"]:
     """`projection_matrix` with a third row that keeps depth (hand thesis, appendix C).
 
-    The row scales depth like x and y, so that a round finger stays round (Figure 10.10): for the orthographic camera depth
-    in pixels; for the perspective one `lambda * depth'` is the plain camera depth times the mean focal length.
+    The row scales depth like x and y, so that a round finger stays round (Figure 10.10): for the orthographic camera
+    depth in pixels; for the perspective one `lambda * depth'` is the plain camera depth times the mean focal length.
     """
     flat = projection_matrix(camera)
     focal = 0.5 * (camera.fx + camera.fy)

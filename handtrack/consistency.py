@@ -44,7 +44,8 @@ def assess(
 ) -> Consistency:
     """Learn from a fitted frame; `covariance` and `prior` are those of the pose with and without it.
 
-    Once settled, only every fourth frame is looked at: the shape does not change, and the look costs half a millisecond.
+    Once settled, only every fourth frame is looked at: the shape does not change, and the look costs half a
+    millisecond.
     """
     if known.frames >= _YOUNG and known.frames % _EVERY:
         return replace(known, frames=known.frames + 1)

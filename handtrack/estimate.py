@@ -1,6 +1,7 @@
 """One image and a prediction in, the pose that image and prediction agree on out: look, fit, and look again.
 
-The second look starts from the fitted pose, so that templates are rendered where the hand is; it ends when the edges rest.
+The second look starts from the fitted pose, so that templates are rendered where the hand is; it ends when the edges
+rest.
 """
 
 from dataclasses import dataclass
@@ -93,9 +94,11 @@ def estimate(
     u, search = start, prior
     scatter = known.consistency.scatter
     done, moved = None, np.inf
+    # One look is enough where every edge was found by itself and the fit ran to its end.
+    quick = known.settings.residuals == "outline" and known.settings.solver != "gauss-newton-one"
     for number in range(passes):
-        near = done is not None and moved < _CLOSE
-        seen = _look(image, known, u, search, widen, done[0] if near else None)
+        before = done[0] if done is not None and moved < _CLOSE else None
+        seen = _look(image, known, u, search, widen, before)
         evidence = rows(known.on, seen.features, seen.samplers.side[seen.found])
         if evidence.sigma.size < _LEAST_ROWS:
             search, widen = search * 4.0, min(2.0 * widen, _WIDEST)
@@ -107,7 +110,7 @@ def estimate(
         u, search, done = found.u, 2.0 * covariance, (seen, evidence, white, found, covariance)
         border = (seen.edges.reason == BORDER).sum() > _MOST_BORDER * seen.expected.sum()
         widen = min(2.0 * widen, _WIDEST) if border else widen
-        at_once = _REST_AT_ONCE if known.settings.residuals == "outline" else 0.0  # edges of a whole link move together
+        at_once = _REST_AT_ONCE if quick else 0.0
         if not border and moved < (_REST if number else at_once):
             break
     if done is None:

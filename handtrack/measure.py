@@ -4,11 +4,12 @@ Samplers are placed on the outline of the posed model, templates and windows ren
 image, and edges searched as far out as the covariance of the pose says they may be.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .across import polygon_windows
 from .appearance import Appearance
 from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
 from .kinematics import forward, pose_from_free
@@ -82,6 +83,8 @@ def look(
         templates = before.templates
     else:
         templates = expect(samplers, pills, on.model.link_finger, on.camera, appearance, inwards, outwards, step)
+        if settings.visibility == "polygons":
+            templates = _cut_by_polygons(templates, samplers, pills, on)
     margin = np.ceil(farthest / step) * step
     profiles = sample(image, samplers, positions(inwards + margin, outwards + margin, step), settings.interpolation)
     edges = find_edges(samplers, templates, profiles, reach, widen * spread + 0.5, appearance.noise, appearance.spread)
@@ -91,6 +94,13 @@ def look(
     ray = samplers.ray[found] + edges.offset[found, None] * slope
     features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])
     return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
+
+
+def _cut_by_polygons(templates: Templates, samplers: Samplers, pills: Pills, on: Chain) -> Templates:
+    """Windows that also keep to the truncated polygons of the thesis's mean-depth order (4.3.3)."""
+    points = samplers.origin[:, None, :] + templates.u[None, :, None] * samplers.direction[:, None, :]
+    own, free = polygon_windows(pills, on.model.link_finger, on.camera, samplers.link, points)
+    return replace(templates, visible=templates.visible & (own | free))
 
 
 def _same_places(before: Look, samplers: Samplers, step: float) -> bool:

@@ -1,8 +1,8 @@
 """One look at an image in the thesis's own way: a pose to look from in, axial lines and tips out.
 
-Profiles across each link -> WSSD surface -> valley -> a pair of edges for each profile -> boundary lines (RANSAC, PCA) ->
-axial line (bisector) -> tip searched along it. The tip's search is gated: it uses the rendered template of the cap, so an
-edge of another finger or of the wrong sign is no match, and starts from the refined tip of eq. (4.1).
+Profiles across each link -> WSSD surface -> valley -> a pair of edges for each profile -> boundary lines (RANSAC,
+PCA) -> axial line (bisector) -> tip searched along it. The tip's search is gated: it uses the rendered template of
+the cap, so an edge of another finger or of the wrong sign is no match, and starts from the refined tip of eq. (4.1).
 """
 
 import numpy as np
@@ -121,7 +121,8 @@ def _centres(
         reason[rows] = np.where(~good, FLAT, np.where(matched, FOUND, MISFIT))
         kept = reason[rows] == FOUND
         offset[rows[kept]] = np.interp(valley.minimum[kept], np.arange(shift.size), shift)
-        # n S(k) has curvature 2 sum(g^2): noise moves its minimum by sigma / sqrt(sum(g^2)), samples counted by the pixel.
+        # n S(k) has curvature 2 sum(g^2): noise moves its minimum by sigma / sqrt(sum(g^2)), samples counted by the
+        # pixel.
         slope2 = np.maximum(valley.curvature[kept] * used[rows[kept]] / (2.0 * step**2), 1e-9)
         claimed = np.sqrt(
             np.maximum(valley.height[kept], appearance.noise**2) / (slope2 * step) / wide.share[rows[kept]]

@@ -28,7 +28,7 @@ class Pills:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """First hit of each ray: parameter (inf where missed), pill (-1 where missed), unit outward normal in camera axes."""
+    """First hit of each ray: parameter (inf where missed), pill (-1 where missed), outward normal in camera axes."""
 
     t: Float[np.ndarray, " n"]
     pill: Int[np.ndarray, " n"]
@@ -154,8 +154,8 @@ def clearance(
 ) -> Clearance:
     """Distance of each ray from the surface of the pill named for it; zero on the silhouette in either projection.
 
-    The squared distance of the axis point `c(s)` from the ray is `A (s - s0)^2 + h^2`, so with `r(s) = r0 + k s` the minimum
-    over s of distance minus radius is at `s0 + k h / sqrt(A (A - k^2))`, kept inside [0, 1].
+    The squared distance of the axis point `c(s)` from the ray is `A (s - s0)^2 + h^2`, so with `r(s) = r0 + k s` the
+    minimum over s of distance minus radius is at `s0 + k h / sqrt(A (A - k^2))`, kept inside [0, 1].
 
     >>> ball = Pills(np.array([[0.0, 0.0, 9.0]]), np.array([[1.0, 0.0, 9.0]]), np.array([[2.0, 2.0]]))
     >>> clearance(ball, np.array([0]), np.array([[0.5, 3.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])).distance.tolist()

@@ -1,9 +1,9 @@
 """Measured poses in, the next frame's prediction with its covariance out: one interface for the three filters.
 
-`kalman` carries pose and velocity with full covariance and learns how restless each joint is. `ghk` predicts by the critically
-damped g-h-k filter of the hand thesis, section 5.1.2, whose constant gains know no covariance: the adaptive Kalman filter
-beside it supplies that. `none` predicts the last pose. A joint without evidence is frozen: it keeps its last pose, and its
-sigma grows.
+`kalman` carries pose and velocity with full covariance and learns how restless each joint is. `ghk` predicts by the
+critically damped g-h-k filter of the hand thesis, section 5.1.2, whose constant gains know no covariance: the
+adaptive Kalman filter beside it supplies that. `none` predicts the last pose. A joint without evidence is frozen: it
+keeps its last pose, and its sigma grows.
 """
 
 from dataclasses import dataclass, replace

@@ -1,9 +1,9 @@
 """Image and posed pills in, placed samplers and intensity profiles out (hand thesis, 4.1 and 4.2).
 
-A sampler is a short straight path over the image. The thesis lays it across a link, centred on the axis; for the outline
-residuals it is centred on the silhouette instead, one on each side and a fan around each finger tip, so that its
-coordinate u is zero where the model says the edge is, and grows outwards. Both come from the contact normals of the
-silhouette: unit vectors n for which the plane (perspective: through the camera centre) that touches the pill at
+A sampler is a short straight path over the image. The thesis lays it across a link, centred on the axis; for the
+outline residuals it is centred on the silhouette instead, one on each side and a fan around each finger tip, so that
+its coordinate u is zero where the model says the edge is, and grows outwards. Both come from the contact normals of
+the silhouette: unit vectors n for which the plane (perspective: through the camera centre) that touches the pill at
 `c(s) + r(s) n` contains the line of sight.
 """
 
@@ -105,7 +105,7 @@ def contact_normals(
 def cap_normals(
     pills: Pills, link: Int[np.ndarray, " n"], angle: Float[np.ndarray, " n"], camera: Camera
 ) -> Float[np.ndarray, "n 3"]:
-    """Outward unit normals on the silhouette of a link's tip sphere, `angle` radians from the seen direction of its axis."""
+    """Outward unit normals on the silhouette of a link's tip sphere, `angle` radians from its seen axis."""
     c, axis = pills.tip[link], pills.tip[link] - pills.base[link]
     if camera.kind == "orthographic":
         sight, sin_beta = np.broadcast_to([0.0, 0.0, 1.0], c.shape), np.zeros(link.shape)

@@ -2,11 +2,12 @@
 
 Two kinds behind one interface, each a function of the independent joints u that returns `(r, J)`:
 
-- `OutlineFeatures`: every edge point against the silhouette of its link, along the normal. The residual is the clearance
-  of the edge point's ray from the pill, zero exactly on the silhouette in either projection, turned into pixels. By the
-  envelope theorem its derivative is that of the nearest axis point along the normal: where on the pill the ray touches
-  changes with the pose, but to first order the distance does not notice.
-- `LineFeatures`: the thesis's tips, eq. (3.1), and points of each link against its axial line, eq. (3.2), with (3.7), (3.8).
+- `OutlineFeatures`: every edge point against the silhouette of its link, along the normal. The residual is the
+  clearance of the edge point's ray from the pill, zero exactly on the silhouette in either projection, turned into
+  pixels. By the envelope theorem its derivative is that of the nearest axis point along the normal: where on the pill
+  the ray touches changes with the pose, but to first order the distance does not notice.
+- `LineFeatures`: the thesis's tips, eq. (3.1), and points of each link against its axial line, eq. (3.2), with (3.7),
+  (3.8).
 """
 
 from collections.abc import Callable
@@ -173,7 +174,7 @@ def line_residuals(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Residual rows of either kind: the function, each row's sigma in pixels, and the group whose errors share a cause."""
+    """Residual rows of either kind: the function, and each row's sigma (pixels) and group of errors with one cause."""
 
     residual: Residual
     sigma: Float[np.ndarray, " m"]

@@ -1,15 +1,16 @@
-"""Residuals of a solved frame in, how far the edges really scatter out: the sigmas of a pose are only as honest as this.
+"""Residuals of a solved frame in, how far the edges really scatter out: the sigmas of a pose are only as honest as
+this.
 
 Edge errors of one side of a link share a cause: a shading that is slightly off, a radius that is slightly wrong. So the
 error of edge i in group c is modelled as
 
     e_i = s sigma_i eps_i + tau b_c,      eps, b standard normal
 
-with a factor s on the claimed sigmas and a common offset of standard deviation tau pixels. Both are found by the method of
-moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within the groups tells
-s, scatter between their means tau. Both are averaged over frames: where the model is wrong, tau grows by itself and every
-sigma with it. Generalised least squares under this model only needs a share of each group's weighted mean taken off
-residuals and Jacobian (`Whitener`).
+with a factor s on the claimed sigmas and a common offset of standard deviation tau pixels. Both are found by the
+method of moments from the residuals left after the solve, corrected for what the solve has absorbed: scatter within
+the groups tells s, scatter between their means tau. Both are averaged over frames: where the model is wrong, tau
+grows by itself and every sigma with it. Generalised least squares under this model only needs a share of each group's
+weighted mean taken off residuals and Jacobian (`Whitener`).
 """
 
 from dataclasses import dataclass

@@ -60,6 +60,10 @@ class Settings:
         ):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name}: got '{getattr(self, name)}', wanted one of {', '.join(choices)}")
+        if self.templates == "first" and self.residuals != "lines":
+            raise ValueError(
+                "templates: got 'first', which goes with residuals 'lines'; outlines need rendered templates"
+            )
         if not 1 <= self.passes <= 20:
             raise ValueError(f"passes: got {self.passes}, wanted 1 to 20")
         if not 0.0 < self.theta < 1.0:

@@ -1,14 +1,15 @@
 """Residuals of solved frames in, how wrong the model's shape may be out, and what that does to the pose.
 
-A model whose lengths, radii or positions are off by a few per cent leaves residuals, but most of its error goes into the pose,
-where no residual shows it. So shape is a set of nuisance parameters: relative length, relative radius and sideways offset
-(in radii) of every link, partly common to all links, each with standard deviation eps. The evidence for eps,
+A model whose lengths, radii or positions are off by a few per cent leaves residuals, but most of its error goes into
+the pose, where no residual shows it. So shape is a set of nuisance parameters: relative length, relative radius and
+sideways offset (in radii) of every link, partly common to all links, each with standard deviation eps. The evidence
+for eps,
 
     log p(r | eps) = 1/2 sum_i [ eps^2 b_i^2 / (1 + eps^2 l_i) - log(1 + eps^2 l_i) ]
 
-with l, b from the eigenvectors of `H^T Q H`, H the derivative of the whitened residuals by the shape and Q what the solve
-leaves of them, is summed over frames; the best eps widens the covariance of the pose by `K H eps^2 (K H)^T`. A right model
-keeps eps near zero and its sigmas tight.
+with l, b from the eigenvectors of `H^T Q H`, H the derivative of the whitened residuals by the shape and Q what the
+solve leaves of them, is summed over frames; the best eps widens the covariance of the pose by `K H eps^2 (K H)^T`. A
+right model keeps eps near zero and its sigmas tight.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,10 @@
 """Samplers and posed pills in, what each profile should look like and which of its samples may be compared out.
 
-A template is rendered at the present pose: a ray through every sample, shaded by the learnt appearance, blurred like a pixel
-and a linear interpolation blur an edge. The same rays tell the window: samples of the own finger inwards, samples of one
-and the same surface (or the background) outwards, each up to the first change and less a margin for the error of the pose.
-So the order of the links is found for every sample, also where a mean depth orders them wrongly (hand thesis, Figure 4.16).
+A template is rendered at the present pose: a ray through every sample, shaded by the learnt appearance, blurred like
+a pixel and a linear interpolation blur an edge. The same rays tell the window: samples of the own finger inwards,
+samples of one and the same surface (or the background) outwards, each up to the first change and less a margin for
+the error of the pose. So the order of the links is found for every sample, also where a mean depth orders them
+wrongly (hand thesis, Figure 4.16).
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ class Templates:
     values, visible : (n, m)
         Grey levels, and the window function.
     parts : (n, 2, m)
-        Share of the own finger in each sample, and that share times the cosine between its normal and the line of sight.
+        Share of the own finger in each sample, and that share times the cosine between its normal and the line of
+        sight.
     state : (n,)
         EXPECTED, HIDDEN (another finger is in front) or JOINT (the surface goes on: no depth step, no edge).
     """
@@ -104,7 +106,7 @@ def expect(
         appearance.gain,
         appearance.background,
         _blur_kernel(step),
-        int(round(MARGIN / step)),
+        round(MARGIN / step),
         values,
         parts,
         visible,
@@ -138,21 +140,21 @@ def expect_numpy(
     parts = np.stack([blurred(1.0 * cover, step), blurred(cover * cosine.reshape(n, m), step)], axis=1)
     inner, outer = mid - 2, mid + 1
     with np.errstate(invalid="ignore"):
-        rise = depth[:, outer] - depth[:, inner]
-        other = (group[:, outer] >= 0) & (group[:, outer] != own) & (rise < 0)
+        depth_step = depth[:, outer] - depth[:, inner]
+        other = (group[:, outer] >= 0) & (group[:, outer] != own) & (depth_step < 0)
         state = np.where((group[:, inner] != own) | other, HIDDEN, EXPECTED)
-        state[(state == EXPECTED) & (group[:, outer] == own) & (rise < jump)] = JOINT
+        state[(state == EXPECTED) & (group[:, outer] == own) & (depth_step < jump)] = JOINT
         steady = (group[:, :-1] == own[:, None]) & (np.abs(np.diff(depth, axis=1)) < jump[:, None])
     visible = np.zeros((n, m), dtype=bool)
-    margin = int(round(MARGIN / step))
-    inwards = np.logical_and.accumulate(steady[:, : mid - 1][:, ::-1], axis=1)[:, ::-1]
+    margin = round(MARGIN / step)
+    inner_run = np.logical_and.accumulate(steady[:, : mid - 1][:, ::-1], axis=1)[:, ::-1]
     visible[:, mid - 1 : mid + 1] = True
-    visible[:, : mid - 1] = inwards
-    outwards = np.logical_and.accumulate(group[:, mid + 1 :] == group[:, outer, None], axis=1)
-    visible[:, mid + 1 :] = outwards
+    visible[:, : mid - 1] = inner_run
+    outer_run = np.logical_and.accumulate(group[:, mid + 1 :] == group[:, outer, None], axis=1)
+    visible[:, mid + 1 :] = outer_run
     index = np.arange(m)
-    first = mid - 1 - inwards.sum(axis=1)
-    last = mid + outwards.sum(axis=1)
+    first = mid - 1 - inner_run.sum(axis=1)
+    last = mid + outer_run.sum(axis=1)
     cut_low = (first > 0)[:, None] & (index >= first[:, None]) & (index < np.minimum(first + margin, mid - 2)[:, None])
     low = np.maximum(last - margin, mid + 1)
     cut_high = (last < m - 1)[:, None] & (index > low[:, None]) & (index <= last[:, None])

@@ -133,7 +133,7 @@ def step(
     known = Known(on, settings, appearance, state.consistency, state.stored)
     first = state.appearance is None
     if first:  # templates learnt at a pose that is only supposed would confirm it; outlines hardly depend on them
-        known = replace(known, settings=replace(settings, residuals="outline"))
+        known = replace(known, settings=replace(settings, residuals="outline", templates="rendered"))
     found = estimate(image, known, ahead.motion, ahead.motion.q, passes, state.widen)
     if first:
         appearance = learn(image, posed(on, found.u), on.camera, appearance)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-HALVINGS = 8  # bisections of the place where a line crosses an edge: to 1/256 pixel
+REACH, HALVINGS = 1.3, 9  # where on a line its crossing is sought, and bisections of that: to 1/400 pixel
 GAUSS = 0.5 / math.sqrt(3.0)  # offset of the two Gauss nodes from the middle of an interval of length 1
 LATTICE, STRIDE = 89, 55  # points where several edges meet: neighbouring Fibonacci numbers
 TIE = 1e-9  # depths closer than this are equal and the first pill wins: neighbouring links share a sphere
@@ -220,17 +220,17 @@ def covered(middle, slope):  # pragma: no cover - compiled
 
 @njit(cache=True, error_model="numpy")
 def crossing(x, y, ax, ay, pinhole, pills, chosen, count, mode, counts):  # pragma: no cover - compiled
-    """Keys at both ends of a line from -1 to 1, and where the first key ends (1 where both agree)."""
-    low, high, first, last = -1.0, 1.0, 0, 0
+    """Keys at both ends of a line, -REACH and REACH, and where the first key ends (REACH where both agree)."""
+    low, high, first, last = -REACH, REACH, 0, 0
     for i in range(HALVINGS + 2):
-        cut = 0.5 * (low + high) if i > 1 else (-1.0 if i == 0 else 1.0)
+        cut = 0.5 * (low + high) if i > 1 else (low if i == 0 else high)
         key = key_at(x + cut * ax, y + cut * ay, pinhole, pills, chosen, count, mode, counts)
         if i == 0:
             first = key
         elif i == 1:
             last = key
             if first == last:
-                return first, last, 1.0
+                return first, last, REACH
         elif key == first:
             low = cut
         else:
@@ -240,22 +240,27 @@ def crossing(x, y, ax, ay, pinhole, pills, chosen, count, mode, counts):  # prag
 
 @njit(cache=True, error_model="numpy")
 def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total):  # pragma: no cover
-    """Mean of the image over one pixel cut by one straight edge, into `total`; twin and rule: `synth.edges`."""
+    """Mean of the image over one pixel cut by one straight edge, into `total`; twin and rule: `synth.edges`.
+
+    Returns whether all that was seen on either side of the edge is what its ends show.
+    """
     ax, ay, bx, by = axes
     f0, l0, c0 = crossing(gx - GAUSS * bx, gy - GAUSS * by, ax, ay, pinhole, pills, chosen, count, look[0], look[3])
     f1, l1, c1 = crossing(gx + GAUSS * bx, gy + GAUSS * by, ax, ay, pinhole, pills, chosen, count, look[0], look[3])
     if f0 == l0 and f1 != l1 and f0 == l1:
-        c0 = -1.0
+        c0 = -REACH
     if f1 == l1 and f0 != l0 and f1 == l0:
-        c1 = -1.0
+        c1 = -REACH
     if f0 == l0 and f1 == l1 and f0 != f1:
-        c0, c1 = 1.0, -1.0
+        c0, c1 = REACH, -REACH
     area = covered(0.5 * (c0 + c1), 0.5 * (c1 - c0) / GAUSS)
+    plain = True
     for side in range(2):
         share = area if side == 0 else 1.0 - area
         if share <= 0.0:
             continue
-        if (f0 if side == 0 else l0) < 0 and (f1 if side == 0 else l1) < 0:
+        key0, key1 = (f0, f1) if side == 0 else (l0, l1)
+        if key0 < 0 and key1 < 0:
             for c in range(total.shape[0]):
                 total[c] += share * out[v, u, c]
             continue
@@ -274,6 +279,8 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v,
                 x, y = gx + at * ax + offset * bx, gy + at * ay + offset * by
                 t, pill = first_pill(x, y, pinhole, pills, chosen, count)
                 weight = 0.5 * share * w / (w0 + w1)
+                key = pill if look[0] != BINARY else min(pill, 0)
+                plain = plain and (key == key0 or key == key1 or look[0] == FLAT)
                 if pill < 0:
                     for c in range(total.shape[0]):
                         total[c] += weight * out[v, u, c]
@@ -281,6 +288,7 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v,
                 body, gloss = surface_light(x, y, t, pinhole, pills, pill, look)
                 for c in range(total.shape[0]):
                     total[c] += weight * (albedo[pill, c] * body + gloss)
+    return plain
 
 
 @njit(cache=True, error_model="numpy")
@@ -307,6 +315,17 @@ def seen_near(part, v, u, chosen):  # pragma: no cover - compiled
             for i in range(count, at, -1):
                 chosen[i] = chosen[i - 1]
             chosen[at] = pill
+            count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def boxed(boxes, v, u, chosen):  # pragma: no cover - compiled
+    """Number of pills whose box holds a pixel or a neighbour of it; they go to `chosen`."""
+    count = 0
+    for k in range(boxes.shape[0]):
+        if boxes[k, 0] - 1 <= u <= boxes[k, 1] and boxes[k, 2] - 1 <= v <= boxes[k, 3]:
+            chosen[count] = k
             count += 1
     return count
 
@@ -363,9 +382,11 @@ def pixel_axes(grid, keys, v, u):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def shade_pixels(grid, pinhole, pills, span, depth, part, look, albedo, keys, out):  # pragma: no cover - compiled
+def shade_pixels(
+    grid, pinhole, pills, boxes, span, depth, part, look, albedo, keys, out
+):  # pragma: no cover - compiled
     """Shade every pixel: its centre inside a surface, its integral at edges; twin: `synth.render.shade_numpy`."""
-    chosen, total = np.empty(9, np.int64), np.empty(out.shape[2])
+    chosen, total = np.empty(max(9, pills.shape[0]), np.int64), np.empty(out.shape[2])
     for v in range(span[2], span[3]):
         for u in range(span[0], span[1]):
             x, y, pill = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], part[v + 1, u + 1]
@@ -373,10 +394,13 @@ def shade_pixels(grid, pinhole, pills, span, depth, part, look, albedo, keys, ou
                 count = seen_near(part, v, u, chosen)
                 total[:] = 0.0
                 axes = pixel_axes(grid, keys, v, u)
-                if is_junction(keys, part, v, u):
+                plain = not is_junction(keys, part, v, u)
+                if plain:
+                    plain = integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
+                if not plain:
+                    total[:] = 0.0
+                    count = boxed(boxes, v, u, chosen)
                     scatter(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
-                else:
-                    integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
                 for c in range(out.shape[2]):
                     out[v, u, c] = total[c]
             elif pill >= 0:

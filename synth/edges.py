@@ -1,7 +1,7 @@
 """Pixels on edges in, the mean of the image over each of them out: the anti-aliasing.
 
 Within one pixel an edge is nearly straight. Two lines are laid across it, at the Gauss nodes y = ±1/(2 sqrt 3) of the
-pixel, and on each the crossing is found by bisection from -1 to 1, to 1/256 pixel; through both crossings goes the
+pixel, and on each the crossing is found by bisection to 1/400 pixel; through both crossings goes the
 edge
 
     x = middle + slope y,        area on its left  A = integral of clip(x, -1/2, 1/2) + 1/2 over |y| <= 1/2
@@ -88,14 +88,14 @@ def covered(middle: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]) -> 
 def crossing(
     key: Callable[[Float[np.ndarray, " n"]], Int[np.ndarray, " n"]], n: int
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Keys at both ends of lines from -1 to 1, and where the first ends (1 if both agree); `_kernels.crossing`."""
-    low, high = np.full(n, -1.0), np.full(n, 1.0)
+    """Keys at both ends of lines, and where the first ends (the far end if both agree): twin of `_kernels.crossing`."""
+    low, high = np.full(n, -_kernels.REACH), np.full(n, _kernels.REACH)
     first, last = key(low), key(high)
     for _ in range(_kernels.HALVINGS):
         cut = 0.5 * (low + high)
         same = key(cut) == first
         low, high = np.where(same, cut, low), np.where(same, high, cut)
-    return first, last, np.where(first == last, 1.0, 0.5 * (low + high))
+    return first, last, np.where(first == last, _kernels.REACH, 0.5 * (low + high))
 
 
 def edge_means(
@@ -106,21 +106,29 @@ def edge_means(
     u, v, across = edge.u + 1, edge.v + 1, edge.across[:, None]
     right, down = 0.5 * (grid[v, u + 1] - grid[v, u - 1]), 0.5 * (grid[v + 1, u] - grid[v - 1, u])
     along, step = np.where(across, right, down), np.where(across, down, right)
-    out = np.empty(behind.shape)
-    for chosen, mean in ((edge.junction, scatter_numpy), (~edge.junction, integrate_numpy)):
-        xy, a, b, pills = grid[v, u][chosen], along[chosen], step[chosen], edge.chosen[chosen]
+    out, torn = np.empty(behind.shape), edge.junction.copy()
 
-        def sample(at, offset, xy=xy, a=a, b=b, pills=pills):
-            return see(camera, look, xy + np.reshape(at, (-1, 1)) * a + offset * b, pills)
+    def sampler(of: Bool[np.ndarray, " n"], pills: Bool[np.ndarray, "m l"]) -> Sample:
+        xy, a, b = grid[v, u][of], along[of], step[of]
+        return lambda at, offset: see(camera, look, xy + np.reshape(at, (-1, 1)) * a + offset * b, pills)
 
-        out[chosen] = mean(sample, albedo, behind[chosen])
+    single = ~torn
+    sample = sampler(single, edge.chosen[single])
+    out[single], plain = integrate_numpy(sample, albedo, behind[single])
+    if look.mode != _kernels.FLAT:
+        torn[single] = ~plain
+    every = np.ones((int(torn.sum()), edge.chosen.shape[1]), dtype=bool)
+    out[torn] = scatter_numpy(sampler(torn, every), albedo, behind[torn])
     return out
 
 
 def scatter_numpy(
     sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
 ) -> Float[np.ndarray, "n c"]:
-    """Mean over pixels where several edges meet, by a Fibonacci lattice: the twin of `_kernels.scatter`."""
+    """Mean over pixels where several edges meet, by a Fibonacci lattice: the twin of `_kernels.scatter`.
+
+    All pills are tried: some may be seen only between the centres of pixels.
+    """
     count = _kernels.LATTICE
     total = np.zeros(behind.shape)
     for i in range(count):
@@ -131,18 +139,21 @@ def scatter_numpy(
 
 def integrate_numpy(
     sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
-) -> Float[np.ndarray, "n c"]:
-    """Mean over pixels cut by one edge, by the rule above: the twin of `_kernels.integrate`."""
+) -> tuple[Float[np.ndarray, "n c"], Bool[np.ndarray, " n"]]:
+    """Mean over pixels cut by one edge, by the rule above: the twin of `_kernels.integrate`.
+
+    The second result says whether all that was seen on either side of the edge is what its ends show.
+    """
     n = behind.shape[0]
     f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], n)
     f1, l1, c1 = crossing(lambda at: sample(at, GAUSS)[1], n)
     whole0, whole1 = f0 == l0, f1 == l1
-    c0 = np.where(whole0 & ~whole1 & (f0 == l1), -1.0, c0)
-    c1 = np.where((whole1 & ~whole0 & (f1 == l0)) | (whole0 & whole1 & (f0 != f1)), -1.0, c1)
+    c0 = np.where(whole0 & ~whole1 & (f0 == l1), -_kernels.REACH, c0)
+    c1 = np.where((whole1 & ~whole0 & (f1 == l0)) | (whole0 & whole1 & (f0 != f1)), -_kernels.REACH, c1)
     area = covered(0.5 * (c0 + c1), 0.5 * (c1 - c0) / GAUSS)
-    total = np.zeros(behind.shape)
+    total, plain = np.zeros(behind.shape), np.ones(n, dtype=bool)
     for share, sense, key0, key1 in ((area, 1.0, f0, f1), (1.0 - area, -1.0, l0, l1)):
-        empty = ((key0 < 0) & (key1 < 0))[:, None]
+        empty, none = (key0 < 0) & (key1 < 0), share <= 0.0
         mean = np.zeros(behind.shape)
         w0, w1 = np.clip(0.5 + sense * c0, 0.0, 1.0), np.clip(0.5 + sense * c1, 0.0, 1.0)
         corner = w0 + w1 <= 0.0
@@ -150,11 +161,12 @@ def integrate_numpy(
         w0, w1 = np.where(corner & first_line, 1e-6, w0), np.where(corner & ~first_line, 1e-6, w1)
         for w, offset in ((w0, -GAUSS), (w1, GAUSS)):
             for sign in (-1.0, 1.0):
-                pill, _, lit = sample(sense * (-0.5 + w * (0.5 + sign * GAUSS)), offset)
+                pill, key, lit = sample(sense * (-0.5 + w * (0.5 + sign * GAUSS)), offset)
                 value = np.where(pill[:, None] < 0, behind, albedo[pill] * lit[:, :1] + lit[:, 1:])
+                plain &= empty | none | (w <= 0.0) | (key == key0) | (key == key1)
                 mean += (0.5 * w / (w0 + w1))[:, None] * value
-        total += share[:, None] * np.where(empty, behind, mean)
-    return total
+        total += share[:, None] * np.where(empty[:, None], behind, mean)
+    return total, plain
 
 
 def see(

@@ -4,6 +4,8 @@ A pixel shows the light at its centre, save where the part (or facet) seen diffe
 or column: there it shows the mean over its area, from `synth.edges`.
 """
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -57,7 +59,7 @@ def render(
     """
     look, albedo, out = _prepare(pills, camera, material, light, mode, colour, background)
     boxes = pill_boxes(pills, camera)
-    rows = np.hstack([look.rows, look.facets.reshape(look.rows.shape[0], -1)])
+    rows = np.hstack([look.rows, look.facets.reshape(look.rows.shape[0], math.prod(look.facets.shape[1:]))])
     depth, part = cast_depth(rows, boxes, camera)
     grid, pinhole, span = pixel_grid(camera), camera.kind == "perspective", hull_box(boxes, camera)
     numbers = (look.mode, look.coefficients, tuple(look.light.tolist()), look.counts)
@@ -65,7 +67,7 @@ def render(
     if look.mode == _kernels.FLAT:
         keys = part.copy()
         _kernels.key_pixels(grid, pinhole, rows, span, depth, part, look.counts, keys)
-    _kernels.shade_pixels(grid, pinhole, rows, span, depth, part, numbers, albedo, keys, out)
+    _kernels.shade_pixels(grid, pinhole, rows, boxes, span, depth, part, numbers, albedo, keys, out)
     return out if colour else out[..., 0]
 
 

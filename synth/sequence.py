@@ -80,14 +80,14 @@ def truth_text(model: Model, q: Float[np.ndarray, "m j"]) -> str:
     0,0,30
     """
     values = q / code_units(model)
-    rows = (f"{n}," + ",".join(_number(x) for x in row) for n, row in enumerate(values))
+    rows = (f"{n}," + ",".join(_number(x) for x in row) for n, row in enumerate(values.tolist()))
     return "\n".join(["frame," + ",".join(model.joint_names), *rows, ""])
 
 
 def sequence_text(scene: Scene, frames: str) -> str:
     """Text of `sequence.yaml`; the start pose names the independent joints."""
     model = scene.model
-    start = scene.start / code_units(model)
+    start = (scene.start / code_units(model)).tolist()
     pose = ", ".join(f"{model.joint_names[joint]}: {_number(start[joint])}" for joint in model.free.tolist())
     return (
         f"format: handtrack/sequence-1\nfps: {scene.fps:g}\nframes: {frames}\n{_camera_text(scene.camera)}"
@@ -104,6 +104,6 @@ def _camera_text(camera: Camera) -> str:
     return f"camera:\n  type: {camera.kind}\n" + "".join(f"  {name}: {json.dumps(value)}\n" for name, value in numbers)
 
 
-def _number(value: float | np.floating) -> str:
+def _number(value: float) -> str:
     """Shortest text to ten digits, without a minus zero."""
     return f"{round(float(value), 10) + 0.0:.10g}"

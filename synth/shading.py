@@ -102,10 +102,8 @@ def make_look(
     Raises
     ------
     ValueError
-        For an unknown mode, a negative share, a light without direction or fewer facets than make a body.
+        For a negative share, a light without direction or fewer facets than make a body.
     """
-    if mode not in MODES:
-        raise ValueError(f"mode: '{mode}' is unknown; wanted one of {', '.join(MODES)}")
     shares = (material.ambient, material.diffuse, material.specular)
     if not (min(shares) >= 0 and material.shininess > 0):
         raise ValueError(f"material: shares of light {shares} must be >= 0 and shininess {material.shininess} > 0")

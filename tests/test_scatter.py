@@ -150,4 +150,4 @@ def test_a_wrong_model_makes_the_offset_grow_by_itself():
 def test_before_any_frame_sigmas_are_as_claimed():
     start = first_scatter()
     assert start.s == 1.0 and start.tau == 0.03
-    np.testing.assert_allclose(np.linalg.solve(start.response, start.moments), [1.0, 0.05**2])
+    np.testing.assert_allclose(np.linalg.solve(start.response, start.moments), [1.0, 0.03**2])

@@ -1,7 +1,7 @@
 """Formulas in, inline SVG out: pages need no script and no network to show them.
 
-Matplotlib's mathtext sets the formula; its glyphs become one path in the colour of the text around it, so that light and
-dark themes both work. The TeX source stays in the page as its description.
+Matplotlib's mathtext sets the formula; its glyphs become one path in the colour of the text around it, so that light
+and dark themes both work. The TeX source stays in the page as its description.
 """
 
 from functools import lru_cache

@@ -21,6 +21,12 @@ def summary(file: Path) -> str:
     return first if end < 0 else first[: end + 1]
 
 
+def inline(text: str) -> list[nodes.Node]:
+    """Text with the words between backticks as code."""
+    parts = text.replace("``", "`").split("`")
+    return [nodes.literal("", part) if i % 2 else nodes.Text(part) for i, part in enumerate(parts) if part]
+
+
 class ModuleMap(Directive):
     """`{module-map} folder`: the modules of one folder, without those of its subfolders."""
 
@@ -34,7 +40,7 @@ class ModuleMap(Directive):
         body = nodes.tbody()
         for file in files:
             name = nodes.paragraph("", "", nodes.literal("", file.stem))
-            words = nodes.paragraph("", summary(file))
+            words = nodes.paragraph("", "", *inline(summary(file)))
             body += nodes.row("", nodes.entry("", name), nodes.entry("", words))
         group = nodes.tgroup("", cols=2)
         group += [nodes.colspec(colwidth=24), nodes.colspec(colwidth=76), body]

@@ -5,18 +5,18 @@ layer stalls kernels of this size for milliseconds.
 """
 
 from .edges import refine_shift as refine_shift
+from .edges import search_valleys as search_valleys
 from .edges import wssd as wssd
+from .fitting import fit_outline as fit_outline
 from .geometry import cast_rays as cast_rays
 from .geometry import forward as forward
 from .geometry import hit_pill as hit_pill
 from .geometry import hit_sphere as hit_sphere
+from .placing import place_outline as place_outline
 from .profiles import expect_profiles as expect_profiles
+from .profiles import fill_harmonics as fill_harmonics
 from .profiles import sample_lines as sample_lines
 from .profiles import shade as shade
 from .residuals import outline_rows as outline_rows
 from .residuals import soften_rows as soften_rows
 from .residuals import whiten_rows as whiten_rows
-from .placing import place_outline as place_outline
-from .fitting import fit_outline as fit_outline
-from .edges import search_valleys as search_valleys
-from .profiles import fill_harmonics as fill_harmonics

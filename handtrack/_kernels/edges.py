@@ -76,8 +76,8 @@ def search_valleys(
 def wssd(image, inside, template, visible, curves, counts):  # pragma: no cover - compiled
     """Sums of squared differences of windowed templates, moved along longer profiles; twin: `edges.wssd.curves_numpy`.
 
-    curves[i, k] is the mean over the visible samples j of (image[i, j + k] - template[i, j])^2, inf where fewer than half
-    of them are inside the image.
+    curves[i, k] is the mean over the visible samples j of (image[i, j + k] - template[i, j])^2, inf where fewer than
+    half of them are inside the image.
     """
     for i in range(image.shape[0]):
         wanted = 0
@@ -102,8 +102,8 @@ def refine_shift(
 
     Four unknowns beside the shift make the template's grey levels forgiving: level and facing term of the finger, its
     gradient, and the level beyond the edge, each with the ridge of a prior. Interpolated noise is correlated by
-    `spline_overlap`; misfit is the mean square left over the 4/9 of the noise variance that bilinear interpolation keeps
-    on average. Twin: `edges.wssd.refine_numpy`.
+    `spline_overlap`; misfit is the mean square left over the 4/9 of the noise variance that bilinear interpolation
+    keeps on average. Twin: `edges.wssd.refine_numpy`.
     """
     lags = int(math.ceil(2.0 * math.sqrt(2.0) / step))
     m, n = template.shape[1], 5

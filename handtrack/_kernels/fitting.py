@@ -49,7 +49,7 @@ def cholesky_solve(A, g, active, x):  # pragma: no cover - compiled
 def normal_equations(
     u, edges, tree, view, coupling, plain, white, spread, mean, root, A, g
 ):  # pragma: no cover - compiled
-    """Cost, gradient g and Gauss-Newton matrix A at u; the tuples hold what `residuals.outline_residuals` and so on take."""
+    """Cost, gradient g, Gauss-Newton matrix A at u; twin: `residuals.WithPrior` of `Robust` of `scatter.Whitened`."""
     ray, slope, link, sigma = edges
     parent, prefix, joint, prismatic, link_frame, length, radius, moves, joint_frame = tree
     R, t = view

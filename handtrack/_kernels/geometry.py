@@ -57,9 +57,9 @@ def hit_sphere(ox, oy, oz, dx, dy, dz, cx, cy, cz, r):  # pragma: no cover - com
 def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no cover - compiled
     """First hit of a ray on the convex hull of two spheres: (t, nx, ny, nz); twin: `pills.ray_hits_numpy`.
 
-    The side is the cone that touches both spheres. With axis length L and slope s = (r0 - r1) / L its outward normal makes
-    n . axis = s, and it covers the axial positions of contact from r0 s to L + r1 s. Two spheres one of which holds the
-    other are just the larger one.
+    The side is the cone that touches both spheres. With axis length L and slope s = (r0 - r1) / L its outward normal
+    makes n . axis = s, and it covers the axial positions of contact from r0 s to L + r1 s. Two spheres one of which
+    holds the other are just the larger one.
     """
     bx, by, bz, r0, r1 = bases[pill, 0], bases[pill, 1], bases[pill, 2], radii[pill, 0], radii[pill, 1]
     ax, ay, az = tips[pill, 0] - bx, tips[pill, 1] - by, tips[pill, 2] - bz
@@ -85,7 +85,8 @@ def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no co
     ax, ay, az = ax / length, ay / length, az / length
     slope = (r0 - r1) / length
     c2 = 1.0 - slope * slope
-    # Start from the point of the ray nearest to the pill's middle: keeps the quadratic well conditioned for far cameras.
+    # Start from the point of the ray nearest to the pill's middle: keeps the quadratic well conditioned for far
+    # cameras.
     shift = -hd / dd
     mx, my, mz = mx + shift * dx, my + shift * dy, mz + shift * dz
     md = mx * dx + my * dy + mz * dz
@@ -100,8 +101,8 @@ def hit_pill(ox, oy, oz, dx, dy, dz, bases, tips, radii, pill):  # pragma: no co
     first, second, best = True, True, math.inf
     nx, ny, nz = 0.0, 0.0, 0.0
     if qa > 0.0:
-        # The hull lies inside the cone, so the ray enters it through the cone's near side or, beyond an end of that, through
-        # the sphere at that end.
+        # The hull lies inside the cone, so the ray enters it through the cone's near side or, beyond an end of that,
+        # through the sphere at that end.
         if disc < 0.0:
             return math.inf, 0.0, 0.0, 0.0
         t = (-qb - math.sqrt(disc)) / qa

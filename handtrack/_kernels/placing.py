@@ -107,17 +107,17 @@ def place_outline(
     n = np.empty(3)
     ahead, behind = np.empty(6), np.empty(6)
     for i in range(link.shape[0]):
-        l = link[i]
+        m = link[i]
         if side[i] != 0:
-            ok = side_normal(base[l], tip[l], radius[l, 0], radius[l, 1], float(side[i]), ortho, n)
+            ok = side_normal(base[m], tip[m], radius[m, 0], radius[m, 1], float(side[i]), ortho, n)
         else:
-            ok = tip_normal(base[l], tip[l], radius[l, 1], angle[i], ortho, n)
+            ok = tip_normal(base[m], tip[m], radius[m, 1], angle[i], ortho, n)
         kept[i] = False
         if not ok:
             continue
-        r = radius[l, 0] + along[i] * (radius[l, 1] - radius[l, 0])
+        r = radius[m, 0] + along[i] * (radius[m, 1] - radius[m, 0])
         for a in range(3):
-            contact[i, a] = base[l, a] + along[i] * (tip[l, a] - base[l, a]) + r * n[a]
+            contact[i, a] = base[m, a] + along[i] * (tip[m, a] - base[m, a]) + r * n[a]
         if ortho:
             x, y = contact[i, 0], contact[i, 1]
         else:

@@ -116,9 +116,9 @@ def expect_profiles(
 ):  # pragma: no cover - compiled
     """Rendered templates, their parts, windows and states of outline samplers; twin: `templates.expect_numpy`.
 
-    `ray0 + u ray1` is the ray (origin, direction) at u. The edge is at u = 0, between two samples. parts[:, 0] is the share
-    of the own finger, parts[:, 1] that share times how much the surface faces the camera.
-    States: 0 an edge is expected, 1 hidden by another finger, 2 no depth step (joint).
+    `ray0 + u ray1` is the ray (origin, direction) at u. The edge is at u = 0, between two samples. parts[:, 0] is the
+    share of the own finger, parts[:, 1] that share times how much the surface faces the camera. States: 0 an edge is
+    expected, 1 hidden by another finger, 2 no depth step (joint).
     """
     m, reach = u.shape[0], blur.shape[0] // 2
     mid = np.searchsorted(u, 0.0)

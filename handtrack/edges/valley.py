@@ -1,10 +1,10 @@
 """A link's WSSD surface in, one offset for each profile out: the valley line of the hand thesis, section 4.3.2.
 
-The curves of a link's profiles stand side by side; the valley that crosses them is a straight line `k = c0 + c1 i`, since a
-link that is off is shifted and turned. The thesis descends from the middle by unit steps, `y <- y - sign(gradient)`, with a
-line fitted to all after each step. From the middle alone that ends in the nearest dip; here it starts from the best of all
-straight lines over the surface, and ends with a parabola through the lowest samples near the line, which turns whole
-samples into fractions and gives every profile an offset of its own.
+The curves of a link's profiles stand side by side; the valley that crosses them is a straight line `k = c0 + c1 i`,
+since a link that is off is shifted and turned. The thesis descends from the middle by unit steps, `y <- y -
+sign(gradient)`, with a line fitted to all after each step. From the middle alone that ends in the nearest dip; here
+it starts from the best of all straight lines over the surface, and ends with a parabola through the lowest samples
+near the line, which turns whole samples into fractions and gives every profile an offset of its own.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _STEPS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Valley:
-    """The line in samples (`c0 + c1 i` for profile i), and each profile's own minimum near it; NaN where there is none."""
+    """The line in samples (`c0 + c1 i` for profile i), and each profile's own minimum near it; NaN without one."""
 
     line: Float[np.ndarray, " 2"]
     minimum: Float[np.ndarray, " n"]

@@ -2,9 +2,10 @@
 
     WSSD(k) = mean over visible j of (I(j + k) - t(j))^2
 
-The window moves with the template, and the sum is divided by the number of visible samples. The lowest point of the curve,
-weighed against how far the prediction may be off, is refined to a fraction of a sample by one Gauss-Newton step, which also
-yields the standard deviation: the Cramer-Rao bound of a shift in noise that the interpolation has correlated.
+The window moves with the template, and the sum is divided by the number of visible samples. The lowest point of the
+curve, weighed against how far the prediction may be off, is refined to a fraction of a sample by one Gauss-Newton
+step, which also yields the standard deviation: the Cramer-Rao bound of a shift in noise that the interpolation has
+correlated.
 """
 
 import numpy as np
@@ -28,7 +29,7 @@ _INTERPOLATION_FLOOR = 0.04  # pixels: what interpolation and the blur's shape l
 
 
 def curves(image: Profiles, templates: Templates) -> Float[np.ndarray, "n k"]:
-    """WSSD curves over shifts; `image.values` is longer than the template by k - 1 samples. inf where too little is seen."""
+    """WSSD curves over shifts, for profiles k - 1 samples longer than the templates; inf where too little is seen."""
     n, m = templates.values.shape
     out, counts = np.empty((n, image.values.shape[1] - m + 1)), np.empty(n, dtype=np.int64)
     _kernels.wssd(image.values, image.inside, templates.values, templates.visible, out, counts)
@@ -55,8 +56,8 @@ def refine(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Sub-sample shift in pixels at the valleys, its variance for unit pixel noise, and the misfit that is left.
 
-    `ridge` is the noise variance over the prior variance of the shift (0) and of the four corrections of grey level: level,
-    facing term and gradient of the finger, level beyond the edge.
+    `ridge` is the noise variance over the prior variance of the shift (0) and of the four corrections of grey level:
+    level, facing term and gradient of the finger, level beyond the edge.
     """
     n = best.size
     shift, variance, misfit = np.empty(n), np.empty(n), np.empty(n)
@@ -136,10 +137,10 @@ def search(
 ]:
     """The best shift of every profile: its index, cost, the template's contrast, its visible samples; and all shifts.
 
-    Grey levels off the template by their spread are common to a whole profile, so a profile counts as a few samples only;
-    a far valley must be better by as much as the prediction makes it unlikely.
+    Grey levels off the template by their spread are common to a whole profile, so a profile counts as a few samples
+    only; a far valley must be better by as much as the prediction makes it unlikely.
     """
-    n, m = templates.values.shape
+    n = templates.values.shape[0]
     shift = _shifts(image, templates)
     best, used = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     lowest, rise = np.empty(n), np.empty(n)

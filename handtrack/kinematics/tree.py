@@ -280,8 +280,8 @@ def point_jacobian(
 ) -> Float[np.ndarray, "*b n 3 j"]:
     """Derivative of points fixed to frames by all joint values, in the base frame.
 
-    A revolute joint moves a point by `z x (p - o)`, a prismatic one by `z`, where `z` and `o` are the axis and origin of
-    the joint's own frame; this replaces the symbolic Jacobians of the hand thesis, section 3.1.2, for any tree.
+    A revolute joint moves a point by `z x (p - o)`, a prismatic one by `z`, where `z` and `o` are the axis and origin
+    of the joint's own frame; this replaces the symbolic Jacobians of the hand thesis, section 3.1.2, for any tree.
 
     Parameters
     ----------
