@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import _kernels
-from .residuals import Chain, OutlineFeatures, Robust, Rows, WithPrior
+from .residuals import Chain, OutlineFeatures, Robust, Rows, Weighted, WithPrior
 from .robust import cauchy_weight, median
 from .scatter import Whitened, Whitener
 from .settings import Settings
@@ -128,14 +128,16 @@ def _solved(
     limits = on.model.limits[on.model.free]
     one = settings.solver == "gauss-newton-one"
     method = "gauss-newton" if one else settings.solver
-    bounded = method in ("levenberg-marquardt", "trust-region") and np.isfinite(limits).any()
+    descends = method in ("levenberg-marquardt", "trust-region")
+    # A full step on the robust cost itself overshoots where edges are off: those methods get weights fixed at the start.
+    cost = Robust(edges, spread) if descends else Weighted(edges, np.sqrt(cauchy_weight(edges(u)[0] / spread)) / spread)
     found = solve(
-        WithPrior(Robust(edges, spread), mean, root),
+        WithPrior(cost, mean, root),
         u,
         method=method,
-        bounds=limits if bounded else None,
+        bounds=limits if descends and np.isfinite(limits).any() else None,
         step=0.5 if method == "damped" else 1.0,
         max_steps=1 if one else _STEPS,
         tolerance=_TOLERANCE,
     )
-    return found.x if bounded else np.clip(found.x, limits[:, 0], limits[:, 1])
+    return np.clip(found.x, limits[:, 0], limits[:, 1])

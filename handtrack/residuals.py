@@ -235,6 +235,18 @@ class Robust:
         return r, J
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighted:
+    """Residuals times fixed roots of weights: one round of iteratively reweighted least squares."""
+
+    residual: Residual
+    root: Float[np.ndarray, " m"]
+
+    def __call__(self, u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        r, J = self.residual(u)
+        return self.root * r, self.root[:, None] * J
+
+
 def soften_numpy(
     r: Float[np.ndarray, " m"], J: Float[np.ndarray, "m k"], scale: float, c: float = 2.385
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:

@@ -261,16 +261,18 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v,
             continue
         key0, key1 = (f0, f1) if side == 0 else (l0, l1)
         if key0 < 0 and key1 < 0:
+            plain = plain and count == 1  # with two pills around there is no background: a third one is hidden there
             for c in range(total.shape[0]):
                 total[c] += share * out[v, u, c]
             continue
         w0 = 0.5 + (c0 if side == 0 else -c0)
         w1 = 0.5 + (c1 if side == 0 else -c1)
         w0, w1 = min(max(w0, 0.0), 1.0), min(max(w1, 0.0), 1.0)
-        if w0 + w1 <= 0.0:  # only a corner
+        outward = GAUSS if w0 + w1 > 0.0 else 0.5
+        if w0 + w1 <= 0.0:  # neither line meets the part, only a corner of the pixel does
             w0, w1 = (1e-6, 0.0) if (c0 > c1) == (side == 0) else (0.0, 1e-6)
         for line in range(2):
-            w, offset = (w0, -GAUSS) if line == 0 else (w1, GAUSS)
+            w, offset = (w0, -outward) if line == 0 else (w1, outward)
             if w <= 0.0:
                 continue
             for sign in (-1.0, 1.0):
@@ -280,7 +282,7 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v,
                 t, pill = first_pill(x, y, pinhole, pills, chosen, count)
                 weight = 0.5 * share * w / (w0 + w1)
                 key = pill if look[0] != BINARY else min(pill, 0)
-                plain = plain and (key == key0 or key == key1 or look[0] == FLAT)
+                plain = plain and (key in (key0, key1) or look[0] == FLAT)
                 if pill < 0:
                     for c in range(total.shape[0]):
                         total[c] += weight * out[v, u, c]

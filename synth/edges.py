@@ -110,11 +110,13 @@ def edge_means(
 
     def sampler(of: Bool[np.ndarray, " n"], pills: Bool[np.ndarray, "m l"]) -> Sample:
         xy, a, b = grid[v, u][of], along[of], step[of]
-        return lambda at, offset: see(camera, look, xy + np.reshape(at, (-1, 1)) * a + offset * b, pills)
+        return lambda at, offset: see(
+            camera, look, xy + np.reshape(at, (-1, 1)) * a + np.reshape(offset, (-1, 1)) * b, pills
+        )
 
     single = ~torn
-    sample = sampler(single, edge.chosen[single])
-    out[single], plain = integrate_numpy(sample, albedo, behind[single])
+    near = edge.chosen[single]
+    out[single], plain = integrate_numpy(sampler(single, near), albedo, behind[single], near.sum(axis=1) == 1)
     if look.mode != _kernels.FLAT:
         torn[single] = ~plain
     every = np.ones((int(torn.sum()), edge.chosen.shape[1]), dtype=bool)
@@ -138,11 +140,15 @@ def scatter_numpy(
 
 
 def integrate_numpy(
-    sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
+    sample: Sample,
+    albedo: Float[np.ndarray, "l c"],
+    behind: Float[np.ndarray, "n c"],
+    alone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n c"], Bool[np.ndarray, " n"]]:
     """Mean over pixels cut by one edge, by the rule above: the twin of `_kernels.integrate`.
 
-    The second result says whether all that was seen on either side of the edge is what its ends show.
+    The second result says whether all that was seen on either side of the edge is what its ends show. Where the pill
+    around a pixel is not `alone`, there is no background: a third one is hidden there.
     """
     n = behind.shape[0]
     f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], n)
@@ -155,11 +161,13 @@ def integrate_numpy(
     for share, sense, key0, key1 in ((area, 1.0, f0, f1), (1.0 - area, -1.0, l0, l1)):
         empty, none = (key0 < 0) & (key1 < 0), share <= 0.0
         mean = np.zeros(behind.shape)
+        plain &= none | ~empty | alone
         w0, w1 = np.clip(0.5 + sense * c0, 0.0, 1.0), np.clip(0.5 + sense * c1, 0.0, 1.0)
         corner = w0 + w1 <= 0.0
         first_line = (c0 > c1) == (sense > 0)
         w0, w1 = np.where(corner & first_line, 1e-6, w0), np.where(corner & ~first_line, 1e-6, w1)
-        for w, offset in ((w0, -GAUSS), (w1, GAUSS)):
+        outward = np.where(corner, 0.5, GAUSS)
+        for w, offset in ((w0, -outward), (w1, outward)):
             for sign in (-1.0, 1.0):
                 pill, key, lit = sample(sense * (-0.5 + w * (0.5 + sign * GAUSS)), offset)
                 value = np.where(pill[:, None] < 0, behind, albedo[pill] * lit[:, :1] + lit[:, 1:])
