@@ -19,7 +19,7 @@ copyright = f"{author}, MIT licence"
 version = release = metadata.version("handtrack")
 
 extensions = ["myst_nb", "sphinx_gallery.gen_gallery", "math_svg", "module_map"]
-exclude_patterns = ["_build", "generated/examples-source"]
+exclude_patterns = ["_build", "generated/examples-source", "generated/examples/*.ipynb"]
 nitpicky = True
 
 # Pages are MyST Markdown; cells of code in them run while the documentation is built, and an error in one fails it.
@@ -39,8 +39,8 @@ EXAMPLES.mkdir(parents=True)
 for example in sorted((DOCS.parent / "examples").glob("[0-9][0-9]_*.py")):
     shutil.copyfile(example, EXAMPLES / example.name)
 (EXAMPLES / "GALLERY_HEADER.rst").write_text(
-    "Examples\n========\n\nNumbered scripts, in the order of the method. They run while these pages are built; each is under "
-    "80 lines,\nand ``python examples/05_tracking.py --out picture.png`` keeps its picture.\n",
+    "Examples\n========\n\nNumbered scripts, in the order of the method. They run while these pages are built; each is "
+    "under 80 lines,\nand ``python examples/05_tracking.py --out picture.png`` keeps its picture.\n",
     encoding="utf-8",
 )
 sphinx_gallery_conf = {

@@ -69,7 +69,7 @@ def across(
     origin, direction = rays(camera, points.reshape(-1, 2))
     hits = ray_hits(pills, origin, direction)
     shape = (samplers.link.size, u.size)
-    values = blurred(shade_numpy(appearance, hits.normal, hits.pill).reshape(shape), step)
+    values = blurred(shade_numpy(appearance, hits.normal, hits.pill).reshape(shape), step, appearance.blur)
     own = np.expand_dims(finger[samplers.link], 1)
     near = np.isfinite(edge).all(axis=1, keepdims=True) & (u >= edge[:, :1] - MARGIN) & (u <= edge[:, 1:] + MARGIN)
     within = (u >= edge[:, :1]) & (u <= edge[:, 1:])

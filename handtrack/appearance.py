@@ -22,6 +22,7 @@ from .robust import median
 _RIDGE = 3e-5  # pull of each coefficient towards zero, growing with the square of its degree
 _ALONG = np.linspace(0.08, 0.92, 5)  # where on each link grey levels are read
 _ACROSS = np.array([-1.3, -0.955, -0.9, -0.8, -0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.9, 0.955, 1.3])  # in radii
+SHARP = 0.5  # pixels of blur: a box of one pixel and a linear interpolation, sqrt(1/12 + 1/6)
 _MEMORY = 0.8  # weight of what earlier frames told, for each new frame
 
 
@@ -37,6 +38,8 @@ class Appearance:
         Factor of each link.
     background, noise : float
         Grey level behind the hand, and standard deviation of the pixel noise.
+    blur : float
+        Standard deviation of the blur that pixels, lens and interpolation leave on an edge, pixels.
     spread : float
         Standard deviation of grey level about the fitted shading: noise and what the shading cannot express.
     normal_matrix, normal_vector : (26, 26), (26,)
@@ -47,6 +50,7 @@ class Appearance:
     gain: Float[np.ndarray, " l"]
     background: float
     noise: float
+    blur: float
     spread: float
     normal_matrix: Float[np.ndarray, "26 26"]
     normal_vector: Float[np.ndarray, " 26"]
@@ -98,7 +102,8 @@ def learn(
     Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a
     highlight) are weighted down by Tukey's function of their residual.
     """
-    points, level = _surface_samples(image, pills, camera)
+    blur = previous.blur if previous else SHARP
+    points, level = _surface_samples(image, pills, camera, blur)
     origin, direction = rays(camera, points)
     hits = ray_hits(pills, origin, direction)
     on = hits.pill >= 0
@@ -127,7 +132,7 @@ def learn(
     residual = np.abs(target - gain[link] * shaded_now)[weight > 0]
     spread = 1.4826 * median(residual) if residual.size else noise
     return Appearance(
-        shading, _gains(gain, link, target, shaded_now, weight), background, noise, spread, matrix, vector
+        shading, _gains(gain, link, target, shaded_now, weight), background, noise, blur, spread, matrix, vector
     )
 
 
@@ -170,7 +175,7 @@ def _light(
 
 
 def _surface_samples(
-    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera
+    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, blur: float
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Points on and beside every link, with their grey levels."""
     base, tip = project_camera(camera, pills.base), project_camera(camera, pills.tip)
@@ -179,7 +184,9 @@ def _surface_samples(
     across = np.stack([-axis[:, 1], axis[:, 0]], axis=1) / np.maximum(length, 1e-9)[:, None]
     radius = pills.radius.mean(axis=1) * pixels_per_unit(camera, 0.5 * (pills.base + pills.tip))
     points = base[:, None, None] + _ALONG[:, None, None] * axis[:, None, None]
-    points = (points + (radius[:, None] * _ACROSS)[:, None, :, None] * across[:, None, None]).reshape(-1, 2)
+    rim = np.maximum(1.0 - 2.0 * blur / np.maximum(radius, 1.0), 0.5)[:, None]  # as near to the edge as blur allows
+    share = np.where(np.abs(_ACROSS) < 1.0, np.clip(_ACROSS, -rim, rim), _ACROSS + np.sign(_ACROSS) * (0.967 - rim))
+    points = (points + (radius[:, None] * share)[:, None, :, None] * across[:, None, None]).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]
     level, inside = sample_points(image, points)
     return points[inside], level[inside]
@@ -218,4 +225,6 @@ def _flat(pills: Pills, background: float, noise: float, level: Float[np.ndarray
     brightest = float(level.max()) if level.size else 255.0
     shading = np.zeros(28)
     shading[0] = brightest
-    return Appearance(shading, np.ones(pills.base.shape[0]), background, noise, noise, np.zeros((26, 26)), np.zeros(26))
+    return Appearance(
+        shading, np.ones(pills.base.shape[0]), background, noise, SHARP, noise, np.zeros((26, 26)), np.zeros(26)
+    )

@@ -129,7 +129,7 @@ def _solved(
     one = settings.solver == "gauss-newton-one"
     method = "gauss-newton" if one else settings.solver
     descends = method in ("levenberg-marquardt", "trust-region")
-    # A full step on the robust cost itself overshoots where edges are off: those methods get weights fixed at the start.
+    # A full step on the robust cost overshoots where edges are off: those methods get weights fixed at the start.
     cost = Robust(edges, spread) if descends else Weighted(edges, np.sqrt(cauchy_weight(edges(u)[0] / spread)) / spread)
     found = solve(
         WithPrior(cost, mean, root),

@@ -13,14 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from . import _kernels
-from .appearance import Appearance, shade_numpy
+from .appearance import SHARP, Appearance, shade_numpy
 from .camera import Camera, pixels_per_unit
 from .pills import Pills, ray_hits_numpy
 from .profiles import Samplers
 
 EXPECTED, HIDDEN, JOINT = 0, 1, 2
 MARGIN = 1.5  # pixels kept free where another surface begins
-_BLUR = 0.5  # standard deviation, pixels: a box of one pixel and a linear interpolation, sqrt(1/12 + 1/6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,10 +60,10 @@ def _depth_step(samplers: Samplers, pills: Pills, camera: Camera) -> Float[np.nd
     return np.maximum(step, 2.0 / pixels_per_unit(camera, samplers.contact))
 
 
-def _blur_kernel(step: float) -> Float[np.ndarray, " b"]:
-    reach = int(np.ceil(3.0 * _BLUR / step))
+def _blur_kernel(step: float, blur: float) -> Float[np.ndarray, " b"]:
+    reach = int(np.ceil(3.0 * blur / step))
     x = np.arange(-reach, reach + 1) * step
-    weight = np.exp(-0.5 * (x / _BLUR) ** 2)
+    weight = np.exp(-0.5 * (x / blur) ** 2)
     return weight / weight.sum()
 
 
@@ -105,8 +104,8 @@ def expect(
         appearance.shading,
         appearance.gain,
         appearance.background,
-        _blur_kernel(step),
-        round(MARGIN / step),
+        _blur_kernel(step, appearance.blur),
+        round((MARGIN + appearance.blur - SHARP) / step),
         values,
         parts,
         visible,
@@ -136,8 +135,11 @@ def expect_numpy(
     own = finger[samplers.link]
     cover = (group == own[:, None]) & (np.arange(m) < mid)
     cosine = -(hits.normal * ray[:, 3:]).sum(axis=1) / np.linalg.norm(ray[:, 3:], axis=1)
-    values = blurred(raw, step)
-    parts = np.stack([blurred(1.0 * cover, step), blurred(cover * cosine.reshape(n, m), step)], axis=1)
+    values = blurred(raw, step, appearance.blur)
+    parts = np.stack(
+        [blurred(1.0 * cover, step, appearance.blur), blurred(cover * cosine.reshape(n, m), step, appearance.blur)],
+        axis=1,
+    )
     inner, outer = mid - 2, mid + 1
     with np.errstate(invalid="ignore"):
         depth_step = depth[:, outer] - depth[:, inner]
@@ -146,7 +148,7 @@ def expect_numpy(
         state[(state == EXPECTED) & (group[:, outer] == own) & (depth_step < jump)] = JOINT
         steady = (group[:, :-1] == own[:, None]) & (np.abs(np.diff(depth, axis=1)) < jump[:, None])
     visible = np.zeros((n, m), dtype=bool)
-    margin = round(MARGIN / step)
+    margin = round((MARGIN + appearance.blur - SHARP) / step)
     inner_run = np.logical_and.accumulate(steady[:, : mid - 1][:, ::-1], axis=1)[:, ::-1]
     visible[:, mid - 1 : mid + 1] = True
     visible[:, : mid - 1] = inner_run
@@ -162,9 +164,9 @@ def expect_numpy(
     return Templates(u, values, parts, visible, state)
 
 
-def blurred(rows: Float[np.ndarray, "n m"], step: float) -> Float[np.ndarray, "n m"]:
-    """Profiles of rays, `step` pixels apart, as a pixel's area and a linear interpolation blur them."""
-    kernel = _blur_kernel(step)
+def blurred(rows: Float[np.ndarray, "n m"], step: float, blur: float) -> Float[np.ndarray, "n m"]:
+    """Profiles of rays, `step` pixels apart, as pixels, lens and interpolation blur them."""
+    kernel = _blur_kernel(step, blur)
     reach = kernel.size // 2
     padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")
     return np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel

@@ -20,10 +20,12 @@ from .measure_lines import first_profiles
 from .prediction import Prediction, correct, first_prediction, predict
 from .residuals import Chain, chain
 from .settings import Settings
+from .sharpness import learn_blur
 from .track import LOST, TRACKED, UNCERTAIN, Track
 
 _LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found
 _YOUNG = 8  # frames after which the appearance is learnt on every third one
+_BLUR_EVERY = 16
 _START_FRAMES, _START_PASSES = 3, 4  # more looks while the velocity is not known
 
 
@@ -137,10 +139,13 @@ def step(
     found = estimate(image, known, ahead.motion, ahead.motion.q, passes, state.widen)
     if first:
         appearance = learn(image, posed(on, found.u), on.camera, appearance)
+        appearance = learn_blur(image, on, found.seen, appearance, settings)
         known = Known(on, settings, appearance, state.consistency, state.stored)
         found = estimate(image, known, ahead.motion, found.u, passes, found.widen)
     if found.information.any() and (state.frames < _YOUNG or state.frames % 3 == 0):
         appearance = learn(image, posed(on, found.u), on.camera, appearance)
+        if settings.residuals == "outline" and (state.frames < _START_FRAMES or state.frames % _BLUR_EVERY == 0):
+            appearance = learn_blur(image, on, found.seen, appearance, settings)
     following = correct(ahead, found.u, found.information)
     stored = state.stored
     if settings.templates == "first" and stored is None:

@@ -106,7 +106,7 @@ def facet_place(x, y, t, n, pinhole, pills, k, counts):  # pragma: no cover - co
     lean = n[0] * ux + n[1] * uy + n[2] * uz
     axial = (px - pills[k, 0]) * ux + (py - pills[k, 1]) * uy + (t - pills[k, 2]) * uz
     along = min(max((axial - pills[k, 7] * slope) / pills[k, 10], 0.0), length)
-    ring = side * (along / length if length > 0.0 else 0.0)
+    ring = side * (along / length if length > 0.0 else (1.0 if lean > 0.0 else 0.0))
     ring += cap * min(math.acos(min(max(-lean, -1.0), 1.0)) / math.acos(-slope), 1.0)
     ring += cap * max(1.0 - math.acos(min(max(lean, -1.0), 1.0)) / math.acos(slope), 0.0)
     east = n[0] * pills[k, 11] + n[1] * pills[k, 12] + n[2] * pills[k, 13]
@@ -261,7 +261,6 @@ def integrate(gx, gy, axes, pinhole, pills, chosen, count, look, albedo, out, v,
             continue
         key0, key1 = (f0, f1) if side == 0 else (l0, l1)
         if key0 < 0 and key1 < 0:
-            plain = plain and count == 1  # with two pills around there is no background: a third one is hidden there
             for c in range(total.shape[0]):
                 total[c] += share * out[v, u, c]
             continue
@@ -304,29 +303,11 @@ def key_pixels(grid, pinhole, pills, span, depth, part, counts, keys):  # pragma
 
 
 @njit(cache=True, error_model="numpy")
-def seen_near(part, v, u, chosen):  # pragma: no cover - compiled
-    """Number of different pills among a pixel and its neighbours; they go to `chosen` in rising order."""
-    count = 0
-    for row in range(v, v + 3):
-        for col in range(u, u + 3):
-            pill, at = part[row, col], 0
-            while at < count and chosen[at] < pill:
-                at += 1
-            if pill < 0 or (at < count and chosen[at] == pill):
-                continue
-            for i in range(count, at, -1):
-                chosen[i] = chosen[i - 1]
-            chosen[at] = pill
-            count += 1
-    return count
-
-
-@njit(cache=True, error_model="numpy")
 def boxed(boxes, v, u, chosen):  # pragma: no cover - compiled
-    """Number of pills whose box holds a pixel or a neighbour of it; they go to `chosen`."""
+    """Number of pills whose box holds a pixel or one two pixels away; they go to `chosen`."""
     count = 0
     for k in range(boxes.shape[0]):
-        if boxes[k, 0] - 1 <= u <= boxes[k, 1] and boxes[k, 2] - 1 <= v <= boxes[k, 3]:
+        if boxes[k, 0] - 2 <= u <= boxes[k, 1] + 1 and boxes[k, 2] - 2 <= v <= boxes[k, 3] + 1:
             chosen[count] = k
             count += 1
     return count
@@ -388,12 +369,12 @@ def shade_pixels(
     grid, pinhole, pills, boxes, span, depth, part, look, albedo, keys, out
 ):  # pragma: no cover - compiled
     """Shade every pixel: its centre inside a surface, its integral at edges; twin: `synth.render.shade_numpy`."""
-    chosen, total = np.empty(max(9, pills.shape[0]), np.int64), np.empty(out.shape[2])
+    chosen, total = np.empty(pills.shape[0], np.int64), np.empty(out.shape[2])
     for v in range(span[2], span[3]):
         for u in range(span[0], span[1]):
             x, y, pill = grid[v + 1, u + 1, 0], grid[v + 1, u + 1, 1], part[v + 1, u + 1]
             if is_edge(keys, v, u):
-                count = seen_near(part, v, u, chosen)
+                count = boxed(boxes, v, u, chosen)
                 total[:] = 0.0
                 axes = pixel_axes(grid, keys, v, u)
                 plain = not is_junction(keys, part, v, u)
@@ -401,7 +382,6 @@ def shade_pixels(
                     plain = integrate(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
                 if not plain:
                     total[:] = 0.0
-                    count = boxed(boxes, v, u, chosen)
                     scatter(x, y, axes, pinhole, pills, chosen, count, look, albedo, out, v, u, total)
                 for c in range(out.shape[2]):
                     out[v, u, c] = total[c]

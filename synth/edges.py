@@ -30,16 +30,15 @@ Sample = Callable[[Place, Place], tuple[Int[np.ndarray, " n"], Int[np.ndarray, "
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgePixels:
-    """Pixels to integrate: column, row, whether lines run along x, whether several edges meet, pills seen near."""
+    """Pixels to integrate: column, row, whether lines run along x, whether several edges meet there."""
 
     u: Int[np.ndarray, " n"]
     v: Int[np.ndarray, " n"]
     across: Bool[np.ndarray, " n"]
     junction: Bool[np.ndarray, " n"]
-    chosen: Bool[np.ndarray, "n l"]
 
 
-def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pills: int) -> EdgePixels:
+def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"]) -> EdgePixels:
     """Pixels whose key differs from that of a neighbour in their row or column; outside the image lies background.
 
     A straight edge that parts a pixel's centre from none of these four does not cut the pixel: its corner is the mean
@@ -54,11 +53,9 @@ def edge_pixels(keys: Int[np.ndarray, "h w"], part: Int[np.ndarray, "h w"], pill
         votes -= padded[v, u + i] != padded[v + 2, u + i]
     near = np.arange(9)
     around = v[:, None] + near // 3, u[:, None] + near % 3
-    parts = np.pad(part, 1, constant_values=-1)[around]
-    seen = np.zeros((u.size, pills + 1), dtype=bool)
-    seen[np.arange(u.size)[:, None], parts] = True  # the background, -1, goes to the spare last column
-    junction = (seen.sum(axis=1) > 2) | (_different(padded[around]) > 2)
-    return EdgePixels(u, v, votes >= 0, junction, seen[:, :-1])
+    parts = np.pad(part, 1, constant_values=-1)
+    junction = (_different(parts[around]) > 2) | (_different(padded[around]) > 2)
+    return EdgePixels(u, v, votes >= 0, junction)
 
 
 def _different(values: Int[np.ndarray, "n m"]) -> Int[np.ndarray, " n"]:
@@ -108,29 +105,22 @@ def edge_means(
     along, step = np.where(across, right, down), np.where(across, down, right)
     out, torn = np.empty(behind.shape), edge.junction.copy()
 
-    def sampler(of: Bool[np.ndarray, " n"], pills: Bool[np.ndarray, "m l"]) -> Sample:
+    def sampler(of: Bool[np.ndarray, " n"]) -> Sample:
         xy, a, b = grid[v, u][of], along[of], step[of]
-        return lambda at, offset: see(
-            camera, look, xy + np.reshape(at, (-1, 1)) * a + np.reshape(offset, (-1, 1)) * b, pills
-        )
+        return lambda at, offset: see(camera, look, xy + np.reshape(at, (-1, 1)) * a + np.reshape(offset, (-1, 1)) * b)
 
     single = ~torn
-    near = edge.chosen[single]
-    out[single], plain = integrate_numpy(sampler(single, near), albedo, behind[single], near.sum(axis=1) == 1)
+    out[single], plain = integrate_numpy(sampler(single), albedo, behind[single])
     if look.mode != _kernels.FLAT:
         torn[single] = ~plain
-    every = np.ones((int(torn.sum()), edge.chosen.shape[1]), dtype=bool)
-    out[torn] = scatter_numpy(sampler(torn, every), albedo, behind[torn])
+    out[torn] = scatter_numpy(sampler(torn), albedo, behind[torn])
     return out
 
 
 def scatter_numpy(
     sample: Sample, albedo: Float[np.ndarray, "l c"], behind: Float[np.ndarray, "n c"]
 ) -> Float[np.ndarray, "n c"]:
-    """Mean over pixels where several edges meet, by a Fibonacci lattice: the twin of `_kernels.scatter`.
-
-    All pills are tried: some may be seen only between the centres of pixels.
-    """
+    """Mean over pixels where several edges meet, by a Fibonacci lattice: the twin of `_kernels.scatter`."""
     count = _kernels.LATTICE
     total = np.zeros(behind.shape)
     for i in range(count):
@@ -143,12 +133,10 @@ def integrate_numpy(
     sample: Sample,
     albedo: Float[np.ndarray, "l c"],
     behind: Float[np.ndarray, "n c"],
-    alone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n c"], Bool[np.ndarray, " n"]]:
     """Mean over pixels cut by one edge, by the rule above: the twin of `_kernels.integrate`.
 
-    The second result says whether all that was seen on either side of the edge is what its ends show. Where the pill
-    around a pixel is not `alone`, there is no background: a third one is hidden there.
+    The second result says whether all that was seen on either side of the edge is what its ends show.
     """
     n = behind.shape[0]
     f0, l0, c0 = crossing(lambda at: sample(at, -GAUSS)[1], n)
@@ -161,7 +149,6 @@ def integrate_numpy(
     for share, sense, key0, key1 in ((area, 1.0, f0, f1), (1.0 - area, -1.0, l0, l1)):
         empty, none = (key0 < 0) & (key1 < 0), share <= 0.0
         mean = np.zeros(behind.shape)
-        plain &= none | ~empty | alone
         w0, w1 = np.clip(0.5 + sense * c0, 0.0, 1.0), np.clip(0.5 + sense * c1, 0.0, 1.0)
         corner = w0 + w1 <= 0.0
         first_line = (c0 > c1) == (sense > 0)
@@ -178,10 +165,10 @@ def integrate_numpy(
 
 
 def see(
-    camera: Camera, look: Look, xy: Float[np.ndarray, "n 2"], chosen: Bool[np.ndarray, "n l"]
+    camera: Camera, look: Look, xy: Float[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
     """Pill, key (-1 both on the background) and light on rays given by normalised coordinates."""
-    depth, part = first_hits(look.rows, camera, xy, chosen)
+    depth, part = first_hits(look.rows, camera, xy)
     inside = part >= 0
     key, lit = np.full(part.size, -1), np.zeros((part.size, 2))
     key[inside], lit[inside] = surface(look, camera, part[inside], surface_points(camera, xy[inside], depth[inside]))

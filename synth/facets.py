@@ -55,7 +55,7 @@ def facet_place(
     lean = (n * axis).sum(axis=1)
     axial = ((p - rows[:, :3]) * axis).sum(axis=1)
     along = np.minimum(np.maximum((axial - radius * slope) / c2, 0.0), length)
-    ring = side * np.where(length > 0, along / np.where(length > 0, length, 1.0), 0.0)
+    ring = side * np.where(length > 0, along / np.where(length > 0, length, 1.0), lean > 0)
     ring = ring + cap * np.minimum(np.arccos(np.clip(-lean, -1, 1)) / np.arccos(-slope), 1.0)
     ring = ring + cap * np.maximum(1.0 - np.arccos(np.clip(lean, -1, 1)) / np.arccos(slope), 0.0)
     turn = np.arctan2((n * rows[:, 14:17]).sum(axis=1), (n * rows[:, 11:14]).sum(axis=1))

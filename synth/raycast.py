@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from handtrack.camera import Camera, distort, rays
 from handtrack.pills import Pills
@@ -231,17 +231,13 @@ def cast_numpy(pills: Pills, camera: Camera) -> RenderBuffers:
 
 
 def first_hits(
-    table: Float[np.ndarray, "l p"],
-    camera: Camera,
-    xy: Float[np.ndarray, "n 2"],
-    chosen: Bool[np.ndarray, "n l"],
+    table: Float[np.ndarray, "l p"], camera: Camera, xy: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Depth (inf) and part (-1 where missed) on rays, each tried against its chosen pills only; plain NumPy."""
+    """Depth (inf) and part (-1 where missed) on rays given by normalised coordinates; plain NumPy."""
     depth, part = np.full(xy.shape[0], np.inf), np.full(xy.shape[0], -1)
     for k in range(table.shape[0]):
-        tried = np.flatnonzero(chosen[:, k])
-        t = pill_depth(table[k], camera.kind == "perspective", xy[tried])
-        nearer = t < depth[tried] - _kernels.TIE
-        depth[tried[nearer]] = t[nearer]
-        part[tried[nearer]] = k
+        t = pill_depth(table[k], camera.kind == "perspective", xy)
+        nearer = t < depth - _kernels.TIE
+        depth[nearer] = t[nearer]
+        part[nearer] = k
     return depth, part

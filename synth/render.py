@@ -55,7 +55,7 @@ def render(
     >>> bar = Pills(np.array([[-50.0, 0.0, 0.0]]), np.array([[-9.0, 0.0, 0.0]]), np.array([[10.75, 10.75]]))
     >>> white, front = Material(np.full((1, 3), 200.0)), Light(np.array([0.0, 0.0, -1.0]))
     >>> render(bar, camera, white, front, "binary").round().tolist()
-    [[200.0, 200.0, 49.0, 0.0]]
+    [[200.0, 200.0, 50.0, 0.0]]
     """
     look, albedo, out = _prepare(pills, camera, material, light, mode, colour, background)
     boxes = pill_boxes(pills, camera)
@@ -129,5 +129,5 @@ def shade_numpy(
     keys[inside] = key
     behind = out.astype(float)
     out[inside] = albedo[pill] * lit[:, :1] + lit[:, 1:]
-    edge = edge_pixels(keys, buffers.part, albedo.shape[0])
+    edge = edge_pixels(keys, buffers.part)
     out[edge.v, edge.u] = edge_means(camera, look, albedo, edge, behind[edge.v, edge.u])

@@ -190,7 +190,7 @@ def scene(name: str, seed: int, model: Model | None = None, **options: Any) -> S
     if name not in NAMES:
         raise ValueError(f"name: '{name}' is no scene; there are {', '.join(NAMES)}")
     if (model is None) == (name == "random"):
-        raise ValueError(f"model: scene '{name}' {'wants' if model is None else 'has its own'} model")
+        raise ValueError(f"model: scene '{name}' {'wants a' if model is None else 'has its own'} model")
     if model is not None:
         return random_motion(seed, model, **options)
     makers: tuple[Callable[..., Scene], ...] = (

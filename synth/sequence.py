@@ -21,6 +21,8 @@ from handtrack.report.video import write_video
 
 from .scene import Scene, images
 
+COMPRESSION = (cv2.IMWRITE_PNG_COMPRESSION, 6)
+
 
 def write_sequence(
     folder: Path | str,
@@ -52,7 +54,7 @@ def write_sequence(
         else:
             (path / "frames").mkdir()
             for number, pixels in enumerate(_pixels(scene, done)):
-                _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+                _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels, COMPRESSION)
                 write_bytes(path / "frames" / f"{number:06d}.png", content.tobytes())
         write_model(path / "model.yaml", scene.model)
         write_text(path / "truth.csv", truth_text(scene.model, scene.truth))

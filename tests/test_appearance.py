@@ -56,7 +56,7 @@ def test_shading_is_the_harmonics_plus_one_light_times_the_gain():
     n = rng.normal(size=(50, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     shading = rng.normal(size=28)
-    appearance = Appearance(shading, np.array([0.5, 2.0]), 7.0, 1.0, 1.0, np.zeros((26, 26)), np.zeros(26))
+    appearance = Appearance(shading, np.array([0.5, 2.0]), 7.0, 1.0, 0.5, 1.0, np.zeros((26, 26)), np.zeros(26))
     level = harmonics(n) @ shading[:25] + np.clip(n @ shading[25:], 0.0, None)
     np.testing.assert_allclose(shaded(shading, n), level)
     link = np.arange(50) % 3 - 1

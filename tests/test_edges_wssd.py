@@ -141,7 +141,7 @@ def test_a_rendered_edge_is_found_where_the_model_is():
     pills = Pills(np.array([[-20.0, -3.0, 300.0]]), np.array([[30.0, 8.0, 310.0]]), np.array([[12.0, 10.0]]))
     shading = np.zeros(28)
     shading[0] = 200.0
-    plain = Appearance(shading, np.ones(1), 10.0, 1.0, 1.0, np.zeros((26, 26)), np.zeros(26))
+    plain = Appearance(shading, np.ones(1), 10.0, 1.0, 0.5, 1.0, np.zeros((26, 26)), np.zeros(26))
     errors = []
     for x, y in ((0.0, 0.0), (0.4, 0.3), (-1.1, 0.7)):  # the model is off by so many pixels
         camera, off = (perspective(320, 240, 500.0, 500.0, 160.0 + k * x, 120.0 + k * y, EYE, ZERO) for k in (0, 1))

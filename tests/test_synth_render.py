@@ -57,14 +57,14 @@ def test_compiled_image_is_that_of_the_plain_twin(mode: Mode, camera: Camera, co
     ("r0", "r1", "length", "turn"), [(5.0, 5.0, 20.0, 0.0), (6.0, 3.0, 17.0, 0.7), (4.0, 4.0, 9.0, 1.9)]
 )
 def test_binary_image_sums_up_to_the_area_of_the_silhouette(r0: float, r1: float, length: float, turn: float) -> None:
-    camera = orthographic(120, 110, 3.0, 50.3, 51.6, np.eye(3), np.zeros(3))
+    camera = orthographic(140, 110, 3.0, 50.3, 51.6, np.eye(3), np.zeros(3))
     pills = pill([0.0, 0.0, 0.0], [length * math.cos(turn), length * math.sin(turn), 0.0], r0, r1)
     lean = math.asin((r0 - r1) / length)
     area = (math.pi / 2 + lean) * r0**2 + (math.pi / 2 - lean) * r1**2 + (r0 + r1) * length * math.cos(lean)
     assert render(pills, camera, white(1), FRONT, "binary").sum(dtype=float) == pytest.approx(9.0 * area, rel=1e-3)
 
 
-def test_an_edge_is_where_it_is_to_a_hundredth_of_a_pixel() -> None:
+def test_an_edge_is_where_it_is_to_a_two_hundredth_of_a_pixel() -> None:
     camera = orthographic(40, 40, 1.0, 0.0, 0.0, np.eye(3), np.zeros(3))
     for offset in np.linspace(-0.5, 0.5, 23):
         for slope in (0.0, 0.13, 1.0):
@@ -74,7 +74,7 @@ def test_an_edge_is_where_it_is_to_a_hundredth_of_a_pixel() -> None:
             image = render(wide, camera, white(1), FRONT, "binary")
             column = 20
             edge = image[:, column].sum(dtype=float) - 0.5  # the silhouette crosses this column at y = 12 + offset
-            assert edge == pytest.approx(12.0 + offset, abs=0.01)
+            assert edge == pytest.approx(12.0 + offset, abs=0.005)
 
 
 @pytest.mark.parametrize("scene", [two_finger_crossing(3), two_finger_hard(3)], ids=["orthographic", "perspective"])
@@ -83,21 +83,19 @@ def test_edges_agree_with_brute_force_within_half_a_grey_level(scene) -> None:
     image = render(pills, camera, scene.material, scene.light, background=5.0)
     look = make_look(pills, camera, scene.material, scene.light)
     part = cast(pills, camera).part
-    edge = edge_pixels(part, part, 6)
-    v, u = edge.v[::4], edge.u[::4]
+    edge = edge_pixels(part, part)
+    v, u = edge.v[::5], edge.u[::5]
     grid = pixel_grid(camera)
     right, down = 0.5 * (grid[v + 1, u + 2] - grid[v + 1, u]), 0.5 * (grid[v + 2, u + 1] - grid[v, u + 1])
     albedo = scene.material.albedo @ REC_601
-    nodes = (np.arange(32) + 0.5) / 32 - 0.5  # 32 x 32: that of 16 x 16 is itself off by 0.2 to 0.8 grey levels
+    nodes = (np.arange(24) + 0.5) / 24 - 0.5  # 24 x 24: that of 16 x 16 is itself off by 0.2 to 0.8 grey levels
     mean = np.zeros(v.size)
     for x in nodes:
         for y in nodes:
-            pill_, _, lit = see(
-                camera, look, grid[v + 1, u + 1] + x * right + y * down, np.ones((v.size, 6), dtype=bool)
-            )
+            pill_, _, lit = see(camera, look, grid[v + 1, u + 1] + x * right + y * down)
             mean += np.where(pill_ < 0, 5.0, albedo[pill_] * lit[:, 0] + lit[:, 1]) / nodes.size**2
     off = image[v, u] - mean
-    assert math.sqrt((off**2).mean()) < 0.5
+    assert math.sqrt((off**2).mean()) < 0.45
     assert abs(off.mean()) < 0.05
 
 
@@ -140,21 +138,21 @@ def test_facets_shade_in_steps_corners_blend_and_both_follow_phong() -> None:
     assert np.abs(images["gouraud"] - images["phong"])[inside].mean() < 4.0
     assert np.abs(images["flat"] - images["phong"])[inside].mean() < 14.0
     steps = {mode: np.abs(np.diff(image, axis=0))[inside[1:] & inside[:-1]] for mode, image in images.items()}
-    assert (steps["flat"] < 1e-3).mean() > 0.2 > (steps["gouraud"] < 1e-3).mean()
+    assert (steps["flat"] < 1e-3).mean() > 0.05 > (steps["gouraud"] < 1e-3).mean()
 
 
 def test_facet_places_are_the_inverse_of_facet_points() -> None:
     rows = facet_rows(pill_table(HAND))
     counts = (3, 4, 16)
-    ring, sector = np.linspace(0.1, 9.9, 23), np.linspace(0.0, 15.9, 17)
+    ring, sector = np.linspace(0.1, 9.9, 23), np.linspace(0.1, 15.9, 17)
     p, n = facet_points(rows, counts, ring, sector)
     assert np.abs(np.linalg.norm(n, axis=-1) - 1).max() < 1e-12
-    for k in range(4):
-        again = facet_place(
-            np.tile(rows[k], (ring.size * sector.size, 1)), counts, p[k].reshape(-1, 3), n[k].reshape(-1, 3)
-        )
-        np.testing.assert_allclose(again[0], np.repeat(ring, sector.size), atol=1e-6)
-        np.testing.assert_allclose(again[1], np.tile(sector, ring.size), atol=1e-9)
+    caps = (ring < 3) | (ring > 7)
+    for k, known in enumerate((slice(None), slice(None), slice(None), caps)):  # the last is a ball: it has no side
+        points, normals = p[k][known].reshape(-1, 3), n[k][known].reshape(-1, 3)
+        again = facet_place(np.tile(rows[k], (points.shape[0], 1)), counts, points, normals)
+        np.testing.assert_allclose(again[0], np.repeat(ring[known], sector.size), atol=1e-6)
+        np.testing.assert_allclose(again[1], np.tile(sector, ring[known].size), atol=1e-9)
 
 
 def test_facets_of_a_pill_that_points_at_the_camera_are_finite() -> None:

@@ -27,7 +27,7 @@ def plain(links: int, level: float = 200.0, background: float = 10.0) -> Appeara
     """A surface of one grey level."""
     shading = np.zeros(28)
     shading[0] = level
-    return Appearance(shading, np.ones(links), background, 1.0, 1.0, np.zeros((26, 26)), np.zeros(26))
+    return Appearance(shading, np.ones(links), background, 1.0, 0.5, 1.0, np.zeros((26, 26)), np.zeros(26))
 
 
 def random_appearance(rng: np.random.Generator, links: int) -> Appearance:

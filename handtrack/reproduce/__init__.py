@@ -1,1 +1,1 @@
-"""Published tables and figures of the seeds, theirs beside ours."""
+"""Published tables and figures of the sources, theirs beside ours."""
