@@ -89,7 +89,7 @@ def look(
     profiles = sample(image, samplers, positions(inwards + margin, outwards + margin, step), settings.interpolation)
     edges = find_edges(samplers, templates, profiles, reach, widen * spread + 0.5, appearance.noise, appearance.spread)
     found = edges.reason == FOUND
-    expected = ~np.isin(edges.reason, (HIDDEN, JOINT, OUTSIDE))
+    expected = (edges.reason != HIDDEN) & (edges.reason != JOINT) & (edges.reason != OUTSIDE)
     slope = samplers.slope[found]
     ray = samplers.ray[found] + edges.offset[found, None] * slope
     features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])

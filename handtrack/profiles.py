@@ -194,7 +194,7 @@ def _outline_places(
     """Link, axial position, side and (for tips) angle of every outline sampler."""
     ends = project_camera(camera, np.stack([pills.base, pills.tip]))
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    count = np.clip(np.nan_to_num(length) / spacing, 2, most).astype(int)
+    count = np.clip(np.where(length > 0.0, length, 0.0) / spacing, 2, most).astype(int)
     angles = _FAN if fan is None else tuple(fan.tolist())
     return _laid_out(tuple(count.tolist()), tuple(np.flatnonzero(tips).tolist()), angles)
 

@@ -47,7 +47,7 @@ class Settings:
     theta: float = 0.4
     start_sigma: float = math.radians(3.0)
     start_speed: float = math.radians(4.0)
-    spacing: float = 9.0
+    spacing: float = 10.0
 
     def __post_init__(self) -> None:
         for name, choices in (

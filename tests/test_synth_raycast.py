@@ -64,7 +64,7 @@ def test_kernel_agrees_with_its_twin_and_with_the_rays_of_the_tracker(camera: Ca
     np.testing.assert_allclose(fast.normal.reshape(-1, 3)[seen], hits.normal[seen], atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.lists(st.floats(-25, 25), min_size=6, max_size=6),
     st.tuples(st.floats(0.5, 9.0), st.floats(0.5, 9.0)),
