@@ -49,16 +49,21 @@ def write_sequence(
         If the folder exists, is not empty and may not be replaced.
     """
     with folder_written_whole(Path(folder), replace) as path:
-        if video:
-            write_video(path / "frames.mp4", _colour(_pixels(scene, done)), scene.fps)
-        else:
-            (path / "frames").mkdir()
-            for number, pixels in enumerate(_pixels(scene, done)):
-                _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels, COMPRESSION)
-                write_bytes(path / "frames" / f"{number:06d}.png", content.tobytes())
-        write_model(path / "model.yaml", scene.model)
-        write_text(path / "truth.csv", truth_text(scene.model, scene.truth))
-        write_text(path / "sequence.yaml", sequence_text(scene, "frames.mp4" if video else "frames/*.png"))
+        fill_sequence(path, scene, video=video, done=done)
+
+
+def fill_sequence(path: Path, scene: Scene, *, video: bool = False, done: Callable[[int], None] | None = None) -> None:
+    """Write the files of a sequence into a folder that is there and empty; see `write_sequence`."""
+    if video:
+        write_video(path / "frames.mp4", _colour(_pixels(scene, done)), scene.fps)
+    else:
+        (path / "frames").mkdir()
+        for number, pixels in enumerate(_pixels(scene, done)):
+            _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels, COMPRESSION)
+            write_bytes(path / "frames" / f"{number:06d}.png", content.tobytes())
+    write_model(path / "model.yaml", scene.model)
+    write_text(path / "truth.csv", truth_text(scene.model, scene.truth))
+    write_text(path / "sequence.yaml", sequence_text(scene, "frames.mp4" if video else "frames/*.png"))
 
 
 def _pixels(scene: Scene, done: Callable[[int], None] | None) -> Iterator[UInt8[np.ndarray, "h w *c"]]:

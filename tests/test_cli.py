@@ -184,7 +184,7 @@ SPOILT = {
     "limits reversed": (lambda c: edit(c / "model.yaml", "[-45, 90]", "[90, -45]"), "model.yaml: line"),
     "negative radius": (lambda c: edit(c / "model.yaml", "radius: 10}", "radius: -10}"), "model.yaml: line"),
     "R no rotation": (lambda c: edit(c / "sequence.yaml", "R: [[0.0, 1.0", "R: [[0.0, 1.1"), "sequence.yaml: line"),
-    "unknown joint": (lambda c: edit(c / "sequence.yaml", '"index_mcp"', '"indx_mcp"'), "indx_mcp"),
+    "unknown joint": (lambda c: edit(c / "sequence.yaml", "index_mcp:", "indx_mcp:"), "indx_mcp"),
     "missing model": (lambda c: (c / "model.yaml").unlink(), "model.yaml"),
     "path that leaves": (lambda c: edit(c / "sequence.yaml", "truth.csv", "../truth.csv"), "sequence.yaml: line"),
     "no start": (lambda c: edit(c / "sequence.yaml", "start: ", "# "), "--start"),

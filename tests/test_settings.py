@@ -14,7 +14,14 @@ CHOICES = {field.name: get_args(field.type) for field in fields(Settings) if get
 
 @pytest.mark.parametrize(("name", "choice"), [(name, choice) for name, all_ in CHOICES.items() for choice in all_])
 def test_every_choice_in_the_annotation_is_accepted(name, choice):
-    assert getattr(Settings(**{name: choice}), name) == choice
+    # Templates of the first frame are whole-link profiles, which only the line residuals use.
+    others = {"residuals": "lines"} if choice == "first" else {}
+    assert getattr(Settings(**{name: choice}, **others), name) == choice
+
+
+def test_templates_of_the_first_frame_are_refused_for_outlines():
+    with pytest.raises(ValueError, match="templates: got 'first'"):
+        Settings(templates="first")
 
 
 @pytest.mark.parametrize("name", CHOICES)

@@ -7,7 +7,7 @@ import typer
 
 from .console import progress, say
 
-SceneName = Literal["two-finger-crossing", "two-finger-hard", "random"]
+SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random"]
 
 
 def render(
@@ -27,11 +27,12 @@ def render(
         Literal["binary", "flat", "gouraud", "phong"], typer.Option(help="How surfaces are lit.")
     ] = "phong",
     colour: Annotated[bool, typer.Option("--colour", help="Colour instead of grey.")] = False,
+    video: Annotated[bool, typer.Option("--video", help="A video file (lossy) instead of PNG images.")] = False,
 ) -> None:
     """Render a sequence: images, model, camera, start pose and true joint values."""
     from .rendering import build, dressed, write_scene
 
     made = dressed(build(scene, model, seed, frames), noise, vignette, background, mode, colour)
     with progress("rendering", frames) as done:
-        write_scene(out, made, done)
+        write_scene(out, made, done, video)
     say(str(out / "sequence.yaml"))

@@ -1,6 +1,4 @@
-"""Camera, truth and sequence in, the texts of their files out, so that reading them gives the same numbers."""
-
-import json
+"""Camera and truth in, the texts of their files out, so that reading them gives the same numbers."""
 
 import numpy as np
 from jaxtyping import Float
@@ -54,13 +52,3 @@ def truth_text(truth: Truth, model: Model) -> str:
     header = ",".join(["frame", *(model.joint_names[joint] for joint in known)])
     rows = (f"{n},{','.join(f'{x:.10g}' for x in row)}" for n, row in zip(truth.frame, values, strict=True))
     return "\n".join([header, *rows]) + "\n"
-
-
-def sequence_text(fps: float, camera: Camera, model: Model, start: Float[np.ndarray, " j"]) -> str:
-    """Text of the `sequence.yaml` of a rendered sequence."""
-    pose = degrees(model, start)
-    given = {model.joint_names[joint]: pose[model.joint_names[joint]] for joint in model.free}
-    return (
-        f"format: handtrack/sequence-1\nfps: {fps:g}\nframes: frames/*.png\n{camera_lines(camera)}"
-        f"model: model.yaml\nstart: {json.dumps(given)}\ntruth: truth.csv\n"
-    )
