@@ -382,3 +382,19 @@ def test_a_background_of_another_size_is_bad_input(tmp_path, capsys):
     assert abs(read_image(tmp_path / "clip" / "frames" / "000000.png")[0, 0] - 90.0) < 12.0
     assert main(["render", "--out", str(tmp_path / "other"), "--scene", "random"]) == 2
     assert "--model" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "command", [["reproduce", "pose-tables"], ["models", "show", "full_hand"], ["models", "show", "rr"]]
+)
+def test_what_is_computed_is_also_drawn(command, tmp_path, capsys):
+    assert main([*command, "--plot", str(tmp_path / "picture.png")]) == 0
+    assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+    assert main([*command, "--plot", str(tmp_path / "picture.txt")]) == 2
+    assert "one of .png, .svg, .pdf was wanted" in capsys.readouterr().err
+
+
+def test_the_occlusion_figures_are_drawn(tmp_path):
+    drawn = tmp_path / "occlusion.svg"
+    assert main(["reproduce", "two-finger-occlusion", "--motions", "1", "--frames", "3", "--plot", str(drawn)]) == 0
+    assert "</svg>" in drawn.read_text()

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import FrozenInstanceError, fields
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from jaxtyping import config
@@ -15,8 +15,9 @@ CHOICES = {field.name: get_args(field.type) for field in fields(Settings) if get
 @pytest.mark.parametrize(("name", "choice"), [(name, choice) for name, all_ in CHOICES.items() for choice in all_])
 def test_every_choice_in_the_annotation_is_accepted(name, choice):
     # Templates of the first frame are whole-link profiles, which only the line residuals use.
-    others = {"residuals": "lines"} if choice == "first" else {}
-    assert getattr(Settings(**{name: choice}, **others), name) == choice
+    choices: dict[str, Any] = {"residuals": "lines"} if choice == "first" else {}
+    choices[name] = choice
+    assert getattr(Settings(**choices), name) == choice
 
 
 def test_templates_of_the_first_frame_are_refused_for_outlines():

@@ -27,13 +27,21 @@ def list_models(as_json: Annotated[bool, typer.Option("--json", help="JSON for m
 
 
 @app.command()
-def show(name: _Name, as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False) -> None:
+def show(
+    name: _Name,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Picture to write: a .png, .svg or .pdf file.")] = None,
+) -> None:
     """The frames of a model as a table: parent, joint, limits (degrees; lengths for sliding joints) and pill."""
     from ..sequences import find_model
     from .model_tables import coupling_lines, frame_rows
 
     model = find_model(name)
     rows = frame_rows(model)
+    if plot is not None:
+        from .pictures import model_figure, save
+
+        save(model_figure(model), plot)
     if as_json:
         keys = ("id", "parent", "joint", "low", "high", "length", "radius_base", "radius_tip")
         frames = [dict(zip(keys, row, strict=True)) for row in rows]

@@ -1,5 +1,6 @@
 """`handtrack reproduce`: the name of a published result in, theirs beside ours out."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -12,13 +13,19 @@ app = typer.Typer(help="Published tables and figures, theirs beside ours.")
 
 _Json = Annotated[bool, typer.Option("--json", help="JSON for machines.")]
 
+_Plot = Annotated[Path | None, typer.Option(help="Picture to write beside the table: a .png, .svg or .pdf file.")]
+
 
 @app.command("pose-tables")
-def pose_tables(as_json: _Json = False) -> None:
+def pose_tables(as_json: _Json = False, plot: _Plot = None) -> None:
     """Tables 3.1 to 3.6 of the hand thesis: iterates of Gauss-Newton on the R, P, PR and RR chains."""
     from ..reproduce import pose_tables as tables
 
     result = tables.pose_tables()
+    if plot is not None:
+        from .pictures import pose_figure, save
+
+        save(pose_figure(result), plot)
     say((tables.as_json if as_json else tables.as_text)(result).rstrip())
 
 
@@ -34,6 +41,7 @@ def two_finger_occlusion(
     first_seed: Annotated[int, typer.Option(help="Seed of the first motion; the others follow.")] = 0,
     frames: Annotated[int, typer.Option(help="Frames of each motion.")] = 60,
     as_json: _Json = False,
+    plot: _Plot = None,
 ) -> None:
     """Section 6.1 of the hand thesis: the index finger crosses in front of the middle finger."""
     from .occlusion import as_data
@@ -47,6 +55,10 @@ def two_finger_occlusion(
     with progress("motions", motions) as done:
         result = run(motions, variant, settings, first_seed, frames, done)
     facts = as_data(result, variant, settings)
+    if plot is not None:
+        from .pictures import occlusion_figure, save
+
+        save(occlusion_figure(result), plot)
     if as_json:
         say_json(facts)
         return
