@@ -309,7 +309,9 @@ def coupled() -> tuple[Scene, tuple[np.ndarray, ...]]:
         place[1, 3] = y
         rows += [
             FrameRow(100 + first, 0, transform=place),
-            FrameRow(first, 100 + first, joint=f"{name}_mcp", limits=(-0.6, 0.6), link_length=46.0, link_radius=(9.0, 8.0)),
+            FrameRow(
+                first, 100 + first, joint=f"{name}_mcp", limits=(-0.6, 0.6), link_length=46.0, link_radius=(9.0, 8.0)
+            ),
             FrameRow(
                 first + 1,
                 first,

@@ -113,7 +113,7 @@ def test_missing_frames_are_bridged():
 )
 def test_grey_levels_are_learnt_not_supposed(change):
     scene, frames = crossing(3)
-    assert worst(follow(scene, [np.float32(change(image)) for image in frames]), scene) < 1.0
+    assert worst(follow(scene, [np.asarray(change(image), dtype=np.float32) for image in frames]), scene) < 1.0
 
 
 def test_errors_are_as_large_as_sigmas_say():
