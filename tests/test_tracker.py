@@ -135,9 +135,10 @@ def nothing(kind: str) -> np.ndarray:
     }[kind]
 
 
-@pytest.mark.parametrize(
-    "kind", ["black", "white", "dim noise", "noise", "sideways ramp", "ramp", "chequers", "stripes"]
-)
+NOTHING = ("black", "white", "dim noise", "noise", "sideways ramp", "ramp", "chequers", "stripes")
+
+
+@pytest.mark.parametrize("kind", NOTHING)
 @pytest.mark.parametrize("residuals", ["outline", "lines"])
 def test_an_image_that_shows_nothing_is_never_tracked(residuals, kind):
     scene, _ = shot(1)

@@ -25,7 +25,7 @@ _MOST_MISFIT = 0.15  # of the squared contrast: more is another object
 _SAMPLES = 8  # most samples that a profile counts for
 _FORGIVEN = 0.1  # of the contrast: how far the rendered grey levels may be off
 _RIDGE_SHAPE = np.array([0.0, 1.0, 1.0, 1.0, 4.0])
-_INTERPOLATION_FLOOR = 0.05  # pixels: what interpolation and the blur's shape leave when noise is absent
+_INTERPOLATION_FLOOR = 0.04  # pixels: what interpolation and the blur's shape leave when noise is absent
 
 
 def curves(image: Profiles, templates: Templates) -> Float[np.ndarray, "n k"]:
