@@ -84,13 +84,13 @@ def test_lines_and_tips_follow_a_crossing_to_two_degrees(projection):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_every_way_of_tracking_follows_an_easy_sequence(way):
-    scene, found = followed(3, WAYS[way], frames=8, max_speed=1.5)
+    scene, found = followed(3, WAYS[way], frames=6, max_speed=1.5)
     assert rms(found, scene.truth) < 1.5
     assert (found.status == TRACKED).mean() > 0.7 and (found.status != LOST).all()
 
 
 def test_solvers_that_minimise_one_cost_find_one_track():
-    tracks = [followed(3, WAYS[f"outline {name}"], frames=8, max_speed=1.5)[1] for name in SOLVERS]
+    tracks = [followed(3, WAYS[f"outline {name}"], frames=6, max_speed=1.5)[1] for name in SOLVERS]
     np.testing.assert_allclose(tracks[4].q, tracks[0].q, atol=math.radians(0.02))  # both minimise the robust cost
     np.testing.assert_allclose(tracks[3].q, tracks[1].q, atol=math.radians(0.1))  # both reweigh once
 
@@ -139,20 +139,22 @@ NOTHING = ("black", "white", "dim noise", "noise", "sideways ramp", "ramp", "che
 
 
 @pytest.mark.parametrize("kind", NOTHING)
-@pytest.mark.parametrize("residuals", ["outline", "lines"])
-def test_an_image_that_shows_nothing_is_never_tracked(residuals, kind):
-    scene, _ = shot(1)
-    picture = nothing(kind)
-    found = track([picture] * 3, scene.model, scene.camera, scene.start, settings=Settings(residuals=residuals))
-    assert (found.status != TRACKED).all()
-    assert_well_formed(found, 3, scene.model)
-
-
-@pytest.mark.parametrize("kind", NOTHING[:-1])
-def test_outlines_in_an_image_that_shows_nothing_are_lost_and_uncertain_to_degrees(kind):
+def test_an_image_that_shows_nothing_is_never_tracked(kind):
     scene, _ = shot(1)
     found = track([nothing(kind)] * 3, scene.model, scene.camera, scene.start)
-    assert (found.status == LOST).all() and (np.degrees(found.sigma.max(axis=1)) > 2.0).all()
+    assert (found.status != TRACKED).all()
+    assert_well_formed(found, 3, scene.model)
+    if kind != "stripes":  # along the fingers, these have edges to find
+        assert (found.status == LOST).all() and (np.degrees(found.sigma.max(axis=1)) > 2.0).all()
+
+
+@pytest.mark.parametrize("kind", ["black", "noise", "ramp", "stripes"])
+def test_lines_call_an_image_that_shows_nothing_never_tracked(kind):
+    scene, _ = shot(1)
+    settings = Settings(residuals="lines", passes=2)
+    found = track([nothing(kind)] * 2, scene.model, scene.camera, scene.start, settings=settings)
+    assert (found.status != TRACKED).all()
+    assert_well_formed(found, 2, scene.model)
 
 
 def assert_well_formed(found: Track, n: int, model: Model) -> None:
@@ -185,10 +187,10 @@ def assert_well_formed(found: Track, n: int, model: Model) -> None:
 
 @pytest.mark.parametrize("way", ["outline levenberg-marquardt", "first templates", "no filter"])
 def test_a_track_is_complete_and_holds_no_nan(way):
-    scene, found = followed(3, WAYS[way], frames=8, max_speed=1.5)
-    assert_well_formed(found, 8, scene.model)
-    np.testing.assert_array_equal(found.frame, np.arange(8))
-    np.testing.assert_allclose(found.time, np.arange(8) / 25.0)
+    scene, found = followed(3, WAYS[way], frames=6, max_speed=1.5)
+    assert_well_formed(found, 6, scene.model)
+    np.testing.assert_array_equal(found.frame, np.arange(6))
+    np.testing.assert_allclose(found.time, np.arange(6) / 25.0)
 
 
 def test_the_same_input_gives_the_same_bytes():
