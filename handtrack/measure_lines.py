@@ -141,7 +141,7 @@ def _edge_points(
 
 def _axes(
     wide: Across, edges: EdgePoints, found: Bool[np.ndarray, " n"], links: int
-) -> tuple[Line, Int[np.ndarray, " k"]]:
+) -> tuple[Line, Int[np.ndarray, " a"]]:
     """Axial lines of the links with enough profiles: both boundary lines, then their bisector."""
     count = np.bincount(wide.samplers.link[found], minlength=links)
     kept = np.flatnonzero(count >= 3)
@@ -165,7 +165,7 @@ def _tips(
     on: Chain,
     pills: Pills,
     axes: Line,
-    links: Int[np.ndarray, " k"],
+    links: Int[np.ndarray, " a"],
     u: Float[np.ndarray, " k"],
     covariance: Float[np.ndarray, "k k"],
     appearance: Appearance,
@@ -209,7 +209,7 @@ def _features(
     on: Chain,
     pills: Pills,
     axes: Line,
-    links: Int[np.ndarray, " k"],
+    links: Int[np.ndarray, " a"],
     wide: Across,
     tips: tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m 2"], Float[np.ndarray, " m"]],
     appearance: Appearance,
