@@ -3,6 +3,7 @@
 Neither scatter nor shape changes from frame to frame, so both are learnt a little from each and kept.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,15 +35,15 @@ def first_consistency(joints: int) -> Consistency:
 
 def assess(
     known: Consistency,
-    on: Chain,
-    features: OutlineFeatures | LineFeatures,
+    on: Sequence[Chain],
+    features: Sequence[OutlineFeatures | LineFeatures],
     evidence: Rows,
     white: Whitener,
     found: Fit,
     covariance: Float[np.ndarray, "k k"],
     prior: Float[np.ndarray, "k k"],
 ) -> Consistency:
-    """Learn from a fitted frame; `covariance` and `prior` are those of the pose with and without it.
+    """Learn from a fitted frame of all views; `covariance` and `prior` are those of the pose with and without it.
 
     Once settled, only every fourth frame is looked at: the shape does not change, and the look costs half a
     millisecond.
@@ -52,7 +53,7 @@ def assess(
     r, J = evidence.residual(found.u)
     # K maps edge errors in units of sigma to errors of the pose.
     K = covariance @ white(found.r, found.J * found.weight[:, None] / found.spread**2)[1].T
-    H = shape_jacobian(on, features, found.u)
+    H = np.concatenate([shape_jacobian(*view, found.u) for view in zip(on, features, strict=True)])
     shape, suggested = _shape_evidence(known, evidence, found, r, J, H, prior)
     z = np.abs(found.r / found.spread)
     scatter = learn_scatter(known.scatter, r - H @ suggested, J, z, evidence.sigma, evidence.group, K)

@@ -15,7 +15,7 @@ from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
 from .kinematics import forward, pose_from_free
 from .pills import Pills, pose_pills
 from .profiles import Profiles, Samplers, place_outline, sample
-from .residuals import Chain, LineFeatures, OutlineFeatures, outline_residuals
+from .residuals import Chain, LineFeatures, OutlineFeatures, in_world, outline_residuals
 from .settings import Settings
 from .templates import Templates, expect, positions
 
@@ -91,7 +91,7 @@ def look(
     found = edges.reason == FOUND
     expected = (edges.reason != HIDDEN) & (edges.reason != JOINT) & (edges.reason != OUTSIDE)
     slope = samplers.slope[found]
-    ray = samplers.ray[found] + edges.offset[found, None] * slope
+    ray, slope = in_world(on.camera, samplers.ray[found] + edges.offset[found, None] * slope, slope)
     features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])
     return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
 
@@ -113,7 +113,7 @@ def _predicted_spread(
     on: Chain, samplers: Samplers, u: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]
 ) -> Float[np.ndarray, " n"]:
     """Standard deviation of every predicted edge, pixels, from the covariance of the pose."""
-    at = OutlineFeatures(samplers.ray, samplers.slope, samplers.link, np.ones(samplers.link.size))
+    at = OutlineFeatures(*in_world(on.camera, samplers.ray, samplers.slope), samplers.link, np.ones(samplers.link.size))
     _, J = outline_residuals(on, at, u)
     return np.sqrt(np.maximum(((J @ covariance) * J).sum(axis=1), 0.0))
 

@@ -71,15 +71,24 @@ def predict(last: Prediction, dt: float) -> Prediction:
     return replace(last, motion=motion, ghk=ghk, moved=True)
 
 
-def correct(ahead: Prediction, u: Float[np.ndarray, " k"], information: Float[np.ndarray, "k k"]) -> Prediction:
-    """Take in the pose u that image (`information`) and prediction agreed on.
+def correct(
+    ahead: Prediction,
+    u: Float[np.ndarray, " k"],
+    information: Float[np.ndarray, "k k"],
+    mean: Float[np.ndarray, " k"] | None = None,
+    prior: Float[np.ndarray, "k k"] | None = None,
+) -> Prediction:
+    """Take in the pose u that image (`information`) and prior (`mean`, information `prior`) agreed on.
 
-    The filters want the measurement without the prediction that is already in u: with `A` the image's and `L` the
-    prediction's information, `u = (A + L)^-1 (A z + L m)` gives `z = u + A^-1 L (u - m)`.
+    The filters want the measurement without the prior that is already in u: with `A` the image's and `L` the prior's
+    information, `u = (A + L)^-1 (A z + L m)` gives `z = u + A^-1 L (u - m)`. The prediction is the prior unless
+    another is named.
     """
+    mean = ahead.motion.q if mean is None else mean
+    prior = np.linalg.inv(ahead.motion.covariance) if prior is None else prior
     R = np.linalg.inv(information + _FLOOR * np.eye(u.size))
     unseen = np.diag(R) > _UNSEEN**2
-    z = u + R @ np.linalg.solve(ahead.motion.covariance, u - ahead.motion.q)
+    z = u + R @ (prior @ (u - mean))
     motion, innovation, S = update(ahead.motion, z, R)
     psd = ahead.psd
     if ahead.moved:

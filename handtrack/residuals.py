@@ -10,14 +10,14 @@ Two kinds behind one interface, each a function of the independent joints u that
   (3.8).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from . import _kernels
-from .camera import Camera, camera_from_world, project_with_jacobian, rays
+from .camera import Camera, project_with_jacobian, rays
 from .kinematics import Model, forward, joints_below, link_ends, point_jacobian, pose_from_free
 from .pills import Pills, clearance
 
@@ -31,7 +31,8 @@ class OutlineFeatures:
     Attributes
     ----------
     ray, slope : (n, 6)
-        Origin and direction, in camera axes, of the ray through each point, and their change for one pixel outwards.
+        Origin and direction, in world axes, of the ray through each point, and their change for one pixel outwards;
+        so points of several views stack.
     link : (n,)
         Link whose silhouette the point lies on.
     sigma : (n,)
@@ -80,7 +81,16 @@ def outline_features(
     ray = np.hstack(rays(camera, xy))
     ahead = np.hstack(rays(camera, xy + 0.5 * direction))
     behind = np.hstack(rays(camera, xy - 0.5 * direction))
-    return OutlineFeatures(ray, ahead - behind, link, sigma)
+    return OutlineFeatures(*in_world(camera, ray, ahead - behind), link, sigma)
+
+
+def in_world(
+    camera: Camera, ray: Float[np.ndarray, "n 6"], slope: Float[np.ndarray, "n 6"]
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
+    """Rays and their slopes, from camera axes into world axes."""
+    R = camera.R
+    turned = np.hstack([(ray[:, :3] - camera.t) @ R, ray[:, 3:] @ R])
+    return turned, np.hstack([slope[:, :3] @ R, slope[:, 3:] @ R])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +116,7 @@ def outline_residuals(
     on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
     """Signed distances of edge points from the silhouette in units of sigma (positive outside), and their Jacobian."""
-    model, camera = on.model, on.camera
+    model = on.model
     frames = forward(model, pose_from_free(model, u))
     r = np.empty(features.link.size)
     J = np.empty((features.link.size, len(model.joint_names)))
@@ -117,10 +127,9 @@ def outline_residuals(
         features.sigma,
         frames,
         model.link_frame,
-        model.link_length,
+        model.link_base,
+        model.link_tip,
         model.link_radius,
-        camera.R,
-        camera.t,
         on.moves,
         on.joint_frame,
         model.prismatic,
@@ -134,16 +143,16 @@ def outline_residuals_numpy(
     on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
     """The same as `outline_residuals` in plain NumPy: the twin of the compiled kernel."""
-    model, camera = on.model, on.camera
+    model = on.model
     frames = forward(model, pose_from_free(model, u))
     base, tip = link_ends(model, frames)
-    pills = Pills(camera_from_world(camera, base), camera_from_world(camera, tip), model.link_radius)
+    pills = Pills(base, tip, model.link_radius)
     seen = clearance(pills, features.link, features.ray[:, :3], features.ray[:, 3:])
     spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
     per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
     point = base[features.link] + seen.along[:, None] * (tip - base)[features.link]
     moved = point_jacobian(model, frames, model.link_frame[features.link], point)
-    J = -((seen.normal @ camera.R)[:, None, :] @ moved)[:, 0, :]
+    J = -(seen.normal[:, None, :] @ moved)[:, 0, :]
     scale = 1.0 / (per_pixel * features.sigma)
     return seen.distance * scale, (J * scale[:, None]) @ model.coupling
 
@@ -195,6 +204,33 @@ def rows(on: Chain, features: OutlineFeatures | LineFeatures, side: Int[np.ndarr
     sigma = np.concatenate([np.repeat(features.tip_sigma, 2), features.line_sigma.reshape(-1)])
     key = np.concatenate([np.repeat(2 * features.tip_link + 1, 2), np.repeat(2 * features.line_link, 2)])
     return Rows(lambda u: line_residuals(on, features, u), sigma, _numbered(key))
+
+
+def stack_features(features: Sequence[OutlineFeatures | LineFeatures]) -> OutlineFeatures | LineFeatures:
+    """Edge points of several views as one set; lines belong to their view's camera, so the first view's stand for all.
+
+    Only the compiled fit of outlines looks into what this returns; lines are fitted through their stacked rows.
+    """
+    if len(features) == 1 or not all(isinstance(each, OutlineFeatures) for each in features):
+        return features[0]
+    parts = [(each.ray, each.slope, each.link, each.sigma) for each in features if isinstance(each, OutlineFeatures)]
+    return OutlineFeatures(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def stack_rows(views: Sequence[Rows]) -> Rows:
+    """Rows of several views, one after the other; no two views share a group."""
+    if len(views) == 1:
+        return views[0]
+
+    def residual(u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+        parts = [view.residual(u) for view in views]
+        return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
+
+    groups, first = [], 0
+    for view in views:
+        groups.append(view.group + first)
+        first += int(view.group.max(initial=-1)) + 1
+    return Rows(residual, np.concatenate([view.sigma for view in views]), np.concatenate(groups))
 
 
 def _numbered(key: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 
+EDGES = ("wssd", "difference", "gaussian", "width", "width-compensated", "plls", "mwplls", "mwplls-iterative")
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """How to track; checked on construction.
@@ -13,6 +16,12 @@ class Settings:
     ----------
     residuals : 'outline' or 'lines'
         Every edge point against the pill outline, or the thesis's tips and axial lines.
+    edges : str
+        How edges are found: 'wssd' against expected profiles, or a method of the hand thesis, appendix D.
+    refine : bool
+        Align with denser edges and the grey levels of the visible surface in one more solve.
+    hypotheses : bool
+        Keep the other side of a link that may be folded either way, until the images decide.
     solver : str
         Method of `handtrack.solve.solve`; 'gauss-newton-one' is the thesis's single step for each pass.
     passes : int
@@ -36,6 +45,11 @@ class Settings:
     """
 
     residuals: Literal["outline", "lines"] = "outline"
+    edges: Literal[
+        "wssd", "difference", "gaussian", "width", "width-compensated", "plls", "mwplls", "mwplls-iterative"
+    ] = "wssd"
+    refine: bool = False
+    hypotheses: bool = True
     solver: Literal["levenberg-marquardt", "gauss-newton", "gauss-newton-one", "damped", "trust-region"] = (
         "levenberg-marquardt"
     )
@@ -52,6 +66,7 @@ class Settings:
     def __post_init__(self) -> None:
         for name, choices in (
             ("residuals", ("outline", "lines")),
+            ("edges", EDGES),
             ("solver", ("levenberg-marquardt", "gauss-newton", "gauss-newton-one", "damped", "trust-region")),
             ("templates", ("rendered", "first")),
             ("visibility", ("rays", "polygons")),

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .camera import camera_from_world, project_with_jacobian
+from .camera import project_with_jacobian
 from .kinematics import Model, forward, link_ends, pose_from_free
 from .pills import Pills, clearance
 from .residuals import Chain, LineFeatures, OutlineFeatures
@@ -49,19 +49,19 @@ def shape_jacobian(
     axis = tip - base
     share = _length_shares(on.model)
     if isinstance(features, OutlineFeatures):
-        pills = Pills(camera_from_world(on.camera, base), camera_from_world(on.camera, tip), on.model.link_radius)
+        pills = Pills(base, tip, on.model.link_radius)
         link = features.link
         seen = clearance(pills, link, features.ray[:, :3], features.ray[:, 3:])
         spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
         per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
         scale = -1.0 / (per_pixel * features.sigma)
-        moved = (seen.normal @ on.camera.R) @ axis.T
+        moved = seen.normal @ axis.T
         own = np.arange(axis.shape[0]) == link[:, None]
         length = moved * np.where(own, seen.along[:, None], share[link])
         radius = pills.radius[link, 0] + seen.along * (pills.radius[link, 1] - pills.radius[link, 0])
-        across = np.cross(axis, on.camera.R[2])[link]
+        across = np.cross(axis[link], features.ray[:, 3:])
         across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        towards = ((seen.normal @ on.camera.R) * across).sum(axis=1)
+        towards = (seen.normal * across).sum(axis=1)
         kinds = [length, own * radius[:, None], own * (radius * towards)[:, None]]
         return np.hstack([_with_common(kind * scale[:, None]) for kind in kinds[:2]] + [kinds[2] * scale[:, None]])
     return _line_jacobian(on, features, base, axis, share)

@@ -20,6 +20,8 @@ class Track:
         Frame number and time in seconds.
     q, sigma, covariance : (n, j), (n, j), (n, j, j)
         Estimated joint values with their standard deviations and covariance.
+    information : (n, k, k)
+        What the images alone say of the independent joints, 1/radian^2; zero where they say nothing.
     status : (n,)
         'tracked', 'uncertain' or 'lost'.
     confidence : (n,)
@@ -40,6 +42,7 @@ class Track:
     q: Float[np.ndarray, "n j"]
     sigma: Float[np.ndarray, "n j"]
     covariance: Float[np.ndarray, "n j j"]
+    information: Float[np.ndarray, "n k k"]
     status: Shaped[np.ndarray, " n"]
     confidence: Float[np.ndarray, " n"]
     residual: Float[np.ndarray, " n"]

@@ -4,7 +4,7 @@ predict -> (look -> fit) until the pose rests -> learn the appearance -> filter
 """
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,8 @@ from .settings import Settings
 from .sharpness import learn_blur
 from .track import LOST, TRACKED, UNCERTAIN, Track
 
+Image = Float[np.ndarray, "h w"]
+
 _LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found
 _YOUNG = 8  # frames after which the appearance is learnt on every third one
 _BLUR_EVERY = 16
@@ -37,20 +39,20 @@ class State:
     ----------
     prediction : Prediction
         Filtered pose and motion, ready to predict the next frame.
-    appearance : Appearance or None
-        Grey levels of surface and background, once a frame was seen.
+    appearance : tuple of Appearance, or None
+        Grey levels of surface and background in each view, once a frame was seen.
     consistency : Consistency
         Scatter of the edges and error of the shape.
-    stored : (n, m) or None
-        Profiles of the first frame, where these are the templates.
+    stored : tuple of (n, m) or None
+        Profiles of the first frame in each view, where these are the templates.
     widen, frames : float, int
         Factor on the next search range, and number of frames seen.
     """
 
     prediction: Prediction
-    appearance: Appearance | None
+    appearance: tuple[Appearance, ...] | None
     consistency: Consistency
-    stored: Float[np.ndarray, "n m"] | None
+    stored: tuple[Float[np.ndarray, "n m"] | None, ...]
     widen: float
     frames: int
 
@@ -68,9 +70,9 @@ class Frame:
 
 
 def track(
-    frames: Iterable[Float[np.ndarray, "h w"]],
+    frames: Iterable[Image | Sequence[Image]],
     model: Model,
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     start_pose: Float[np.ndarray, " j"],
     fps: float = 25.0,
     settings: Settings | None = None,
@@ -81,8 +83,10 @@ def track(
 
     Parameters
     ----------
-    frames : iterable of (h, w) arrays
-        Grey levels 0 to 255.
+    frames : iterable of (h, w) arrays, or of tuples of them
+        Grey levels 0 to 255; with several cameras a tuple at a time, one image for each camera.
+    camera : Camera or sequence of Camera
+        One for each view; all in the same world, frame {0} of the model.
     start_pose : (j,)
         Joint values in the first frame, radians; a few degrees off is fine.
     fps, times : float, (n,)
@@ -95,71 +99,139 @@ def track(
     ValueError
         For a start pose of the wrong length, images of another size than the camera's, or no image at all.
     """
-    settings = settings or Settings()
-    on = chain(model, camera)
-    state = begin(on, start_pose, fps, settings)
-    done, moments, seconds = [], [], []
-    for number, image in enumerate(frames):
-        now = float(times[number]) if times is not None else number / fps
-        begun = time.perf_counter()
-        state, frame = step(state, image, on, now - moments[-1] if moments else 0.0, settings)
-        seconds.append(time.perf_counter() - begun)
-        done.append(frame)
+    cameras = [camera] if isinstance(camera, Camera) else camera
+    on = [chain(model, each) for each in cameras]
+    moments, seconds, done = [], [], []
+    for number, (now, took, frame) in enumerate(follow(frames, on, start_pose, fps, settings or Settings(), times)):
         moments.append(now)
+        seconds.append(took)
+        done.append(_kept(frame, model.link_frame.size))
         if progress is not None:
             progress(number + 1)
     if not done:
         raise ValueError("frames: there is no image to track")
-    return _collect(on, done, moments, seconds)
+    columns = [np.stack(column) for column in zip(*done, strict=True)]
+    q, covariance, information, status, confidence, residual, visible, edges = columns
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return Track(
+        joint_names=model.joint_names,
+        frame=np.arange(len(done)),
+        time=np.array(moments),
+        q=q,
+        sigma=sigma,
+        covariance=covariance,
+        information=information,
+        status=status,
+        confidence=confidence,
+        residual=residual,
+        visible=visible,
+        edges=edges,
+        seconds=np.array(seconds),
+    )
 
 
-def begin(on: Chain, start_pose: Float[np.ndarray, " j"], fps: float, settings: Settings) -> State:
+def follow(
+    frames: Iterable[Image | Sequence[Image]],
+    on: Sequence[Chain],
+    start_pose: Float[np.ndarray, " j"],
+    fps: float,
+    settings: Settings,
+    times: Sequence[float] | Float[np.ndarray, " n"] | None = None,
+) -> Iterator[tuple[float, float, Frame]]:
+    """Track frame by frame: time, computing time in seconds, and everything known of the frame.
+
+    Nothing is kept from one frame to the next but the `State`, so memory stays flat however long the sequence.
+    """
+    state, before = begin(on, start_pose, fps, settings), 0.0
+    for number, images in enumerate(frames):
+        now = float(times[number]) if times is not None else number / fps
+        begun = time.perf_counter()
+        together = (images,) if isinstance(images, np.ndarray) else images
+        state, frame = step(state, together, on, now - before if number else 0.0, settings)
+        yield now, time.perf_counter() - begun, frame
+        before = now
+
+
+def begin(on: Sequence[Chain], start_pose: Float[np.ndarray, " j"], fps: float, settings: Settings) -> State:
     """State before the first frame: the start pose, unknown velocities."""
-    if start_pose.shape != (len(on.model.joint_names),):
-        wanted = f"{len(on.model.joint_names)} joints of model '{on.model.name}'"
+    if not on:
+        raise ValueError("camera: got no camera; one for each view is wanted")
+    model = on[0].model
+    if start_pose.shape != (len(model.joint_names),):
+        wanted = f"{len(model.joint_names)} joints of model '{model.name}'"
         raise ValueError(f"start_pose: got {start_pose.size} values, wanted the {wanted}")
-    u = start_pose[on.model.free]
-    return State(first_prediction(u, fps, settings), None, first_consistency(u.size), None, 1.0, 0)
+    u = start_pose[model.free]
+    prediction = first_prediction(u, fps, settings)
+    return State(prediction, None, first_consistency(u.size), (None,) * len(on), 1.0, 0)
 
 
 def step(
-    state: State, image: Float[np.ndarray, "h w"], on: Chain, dt: float, settings: Settings
+    state: State, images: Sequence[Image], on: Sequence[Chain], dt: float, settings: Settings
 ) -> tuple[State, Frame]:
-    """One frame: predict, look and fit until the pose rests, learn the appearance, filter."""
-    if image.shape != (on.camera.height, on.camera.width):
-        wanted = f"{on.camera.width} x {on.camera.height}"
-        raise ValueError(f"image: got {image.shape[1]} x {image.shape[0]} pixels, the camera has {wanted}")
+    """One moment in all views: predict, look and fit until the pose rests, learn the appearance, filter."""
+    _check(images, on)
     ahead = predict(state.prediction, dt)
     passes = settings.passes + (_START_PASSES if state.frames < _START_FRAMES else 0)
-    appearance = state.appearance or learn(image, posed(on, ahead.motion.q), on.camera)
-    known = Known(on, settings, appearance, state.consistency, state.stored)
+    appearance = state.appearance or _learn(images, on, ahead.motion.q, (None,) * len(on))
+    known = Known(tuple(on), settings, appearance, state.consistency, state.stored)
     first = state.appearance is None
     if first:  # templates learnt at a pose that is only supposed would confirm it; outlines hardly depend on them
-        known = replace(known, settings=replace(settings, residuals="outline", templates="rendered"))
-    found = estimate(image, known, ahead.motion, ahead.motion.q, passes, state.widen)
+        plain = replace(settings, residuals="outline", edges="wssd", templates="rendered", refine=False)
+        known = replace(known, settings=plain)
+    found = estimate(images, known, ahead.motion, ahead.motion.q, passes, state.widen)
     if first:
-        appearance = learn(image, posed(on, found.u), on.camera, appearance)
-        appearance = learn_blur(image, on, found.seen, appearance, settings)
-        known = Known(on, settings, appearance, state.consistency, state.stored)
-        found = estimate(image, known, ahead.motion, found.u, passes, found.widen)
+        appearance = _learn(images, on, found.u, appearance)
+        appearance = _learn_blur(images, on, found, appearance, settings)
+        known = Known(tuple(on), settings, appearance, state.consistency, state.stored)
+        found = estimate(images, known, ahead.motion, found.u, passes, found.widen)
     if found.information.any() and (state.frames < _YOUNG or state.frames % 3 == 0):
-        appearance = learn(image, posed(on, found.u), on.camera, appearance)
-        if settings.residuals == "outline" and (state.frames < _START_FRAMES or state.frames % _BLUR_EVERY == 0):
-            appearance = learn_blur(image, on, found.seen, appearance, settings)
-    following = correct(ahead, found.u, found.information)
+        appearance = _learn(images, on, found.u, appearance)
+        if state.frames < _START_FRAMES or state.frames % _BLUR_EVERY == 0:
+            appearance = _learn_blur(images, on, found, appearance, settings)
+    following = correct(ahead, found.u, found.information, found.prior.mean, found.prior.information)
     stored = state.stored
-    if settings.templates == "first" and stored is None:
-        stored = first_profiles(image, on, found.u, appearance, settings)
+    if settings.templates == "first" and stored[0] is None:
+        views = zip(images, on, appearance, strict=True)
+        stored = tuple(first_profiles(image, view, found.u, its, settings) for image, view, its in views)
     widen = max(1.0, 0.8 * found.widen)
-    frame = _frame(on, found, following)
+    frame = _frame(on[0], found, following)
     return State(following, appearance, found.consistency, stored, widen, state.frames + 1), frame
+
+
+def _check(images: Sequence[Image], on: Sequence[Chain]) -> None:
+    if len(images) != len(on):
+        raise ValueError(f"image: got {len(images)} images for {len(on)} cameras; one for each is wanted")
+    for image, view in zip(images, on, strict=True):
+        if image.shape != (view.camera.height, view.camera.width):
+            wanted = f"{view.camera.width} x {view.camera.height}"
+            raise ValueError(f"image: got {image.shape[1]} x {image.shape[0]} pixels, the camera has {wanted}")
+
+
+def _learn(
+    images: Sequence[Image],
+    on: Sequence[Chain],
+    u: Float[np.ndarray, " k"],
+    previous: Sequence[Appearance | None],
+) -> tuple[Appearance, ...]:
+    """The appearance in each view, with the pose u taken for true."""
+    views = zip(images, on, previous, strict=True)
+    return tuple(learn(image, posed(view, u), view.camera, its) for image, view, its in views)
+
+
+def _learn_blur(
+    images: Sequence[Image], on: Sequence[Chain], found: Estimate, appearance: Sequence[Appearance], settings: Settings
+) -> tuple[Appearance, ...]:
+    if settings.residuals != "outline" or settings.edges != "wssd":
+        return tuple(appearance)
+    views = zip(images, on, found.seen, appearance, strict=True)
+    return tuple(learn_blur(image, view, seen, its, settings) for image, view, seen, its in views)
 
 
 def _frame(on: Chain, found: Estimate, following: Prediction) -> Frame:
     C = on.model.coupling
     covariance = C @ (found.covariance + found.consistency.shape_covariance) @ C.T
-    expected = int(found.seen.expected.sum())
-    share = float(found.seen.found.sum()) / expected if expected and found.information.any() else 0.0
+    expected = sum(int(view.expected.sum()) for view in found.seen)
+    share = sum(int(view.found.sum()) for view in found.seen) / expected if expected and found.information.any() else 0.0
     if share < _LOST_BELOW:
         status = LOST
     else:
@@ -168,21 +240,10 @@ def _frame(on: Chain, found: Estimate, following: Prediction) -> Frame:
     return Frame(C @ found.u + on.model.coupling_offset, covariance, following.unseen, found, status, confidence)
 
 
-def _collect(on: Chain, done: list[Frame], moments: list[float], seconds: list[float]) -> Track:
-    links = on.model.link_frame.size
-    covariance = np.stack([frame.covariance for frame in done])
-    seen = [frame.estimate.seen for frame in done]
-    return Track(
-        joint_names=on.model.joint_names,
-        frame=np.arange(len(done)),
-        time=np.array(moments),
-        q=np.stack([frame.q for frame in done]),
-        sigma=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-        covariance=covariance,
-        status=np.array([frame.status for frame in done]),
-        confidence=np.array([frame.confidence for frame in done]),
-        residual=np.array([frame.estimate.residual for frame in done]),
-        visible=np.stack([visible_share(look.samplers, look.edges, links) for look in seen]),
-        edges=np.array([int(look.found.sum()) for look in seen]),
-        seconds=np.array(seconds),
-    )
+def _kept(frame: Frame, links: int) -> tuple[np.ndarray | str | float | int, ...]:
+    """What the track keeps of a frame; the looks at the images are let go."""
+    seen = frame.estimate.seen
+    visible = np.max([visible_share(view.samplers, view.edges, links) for view in seen], axis=0)
+    edges = sum(int(view.found.sum()) for view in seen)
+    image_only, residual = frame.estimate.information, frame.estimate.residual
+    return frame.q, frame.covariance, image_only, frame.status, frame.confidence, residual, visible, edges

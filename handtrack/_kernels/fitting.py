@@ -47,19 +47,18 @@ def cholesky_solve(A, g, active, x):  # pragma: no cover - compiled
 
 @njit(cache=True)
 def normal_equations(
-    u, edges, tree, view, coupling, plain, white, spread, mean, root, A, g
+    u, edges, tree, coupling, plain, white, spread, mean, root, A, g
 ):  # pragma: no cover - compiled
     """Cost, gradient g, Gauss-Newton matrix A at u; twin: `residuals.WithPrior` of `Robust` of `scatter.Whitened`."""
     ray, slope, link, sigma = edges
-    parent, prefix, joint, prismatic, link_frame, length, radius, moves, joint_frame = tree
-    R, t = view
+    parent, prefix, joint, prismatic, link_frame, link_base, link_tip, radius, moves, joint_frame = tree
     v, share, group, s = white
     q = coupling[0] @ u + coupling[1]
     frames = forward(parent, prefix, joint, prismatic, q.reshape(1, -1))[0]
     n, k = link.shape[0], u.shape[0]
     r, J_all = np.empty(n), np.empty((n, q.shape[0]))
     outline_rows(
-        ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J_all
+        ray, slope, link, sigma, frames, link_frame, link_base, link_tip, radius, moves, joint_frame, prismatic, r, J_all
     )
     J = J_all if plain else J_all @ coupling[0]
     whiten_rows(r, J, v, share, group, s)
@@ -92,14 +91,14 @@ def normal_equations(
 
 @njit(cache=True)
 def fit_outline(
-    u0, edges, tree, view, coupling, plain, white, spread, mean, root, low, high, most, tolerance
+    u0, edges, tree, coupling, plain, white, spread, mean, root, low, high, most, tolerance
 ):  # pragma: no cover - compiled
     """Minimise the robust cost from u0 within bounds: (u, steps); twin: `solve.solve` on the same residuals."""
     k = u0.shape[0]
     u = np.minimum(np.maximum(u0, low), high)
     A, g, A2, g2 = np.empty((k, k)), np.empty(k), np.empty((k, k)), np.empty(k)
     damped, h, active = np.empty((k, k)), np.empty(k), np.empty(k, np.bool_)
-    cost = normal_equations(u, edges, tree, view, coupling, plain, white, spread, mean, root, A, g)
+    cost = normal_equations(u, edges, tree, coupling, plain, white, spread, mean, root, A, g)
     mu, grow = 1e-4, 2.0
     for step in range(most):
         for a in range(k):
@@ -121,7 +120,7 @@ def fit_outline(
                 predicted -= 0.5 * h[a] * A[a, b] * h[b]
         if largest < tolerance:
             return trial, step
-        following = normal_equations(trial, edges, tree, view, coupling, plain, white, spread, mean, root, A2, g2)
+        following = normal_equations(trial, edges, tree, coupling, plain, white, spread, mean, root, A2, g2)
         gain = (cost - following) / predicted if predicted > 0.0 else -1.0
         if gain > 0.0:
             u, cost = trial, following

@@ -8,27 +8,23 @@ from numba import njit
 
 @njit(cache=True)
 def outline_rows(
-    ray, slope, link, sigma, frames, link_frame, length, radius, R, t, moves, joint_frame, prismatic, r, J
+    ray, slope, link, sigma, frames, link_frame, link_base, link_tip, radius, moves, joint_frame, prismatic, r, J
 ):  # pragma: no cover - compiled
     """Clearance residuals of edge rays and their Jacobian rows; twin: `residuals.outline_residuals_numpy`."""
-    o, d, o1, d1 = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    m, axis, n, p = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    d, m, axis, base, n, p = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(link.shape[0]):
         k = link[i]
         f = link_frame[k]
-        # The ray in the base frame: all the rest is done there.
         for a in range(3):
-            o[a] = d[a] = o1[a] = d1[a] = 0.0
-            for b in range(3):
-                o[a] += R[b, a] * (ray[i, b] - t[b])
-                d[a] += R[b, a] * ray[i, 3 + b]
-                o1[a] += R[b, a] * slope[i, b]
-                d1[a] += R[b, a] * slope[i, 3 + b]
+            d[a] = ray[i, 3 + a]
         norm = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         md = ad = 0.0
         for a in range(3):
-            m[a] = frames[f, a, 3] - o[a]
-            axis[a] = length[k] * frames[f, a, 0]
+            base[a], axis[a] = frames[f, a, 3], 0.0
+            for b in range(3):
+                base[a] += frames[f, a, b] * link_base[k, b]
+                axis[a] += frames[f, a, b] * (link_tip[k, b] - link_base[k, b])
+            m[a] = base[a] - ray[i, a]
             md += m[a] * d[a] / norm
             ad += axis[a] * d[a] / norm
         size = cross = 0.0
@@ -51,12 +47,12 @@ def outline_rows(
             n[a] = -((m[a] - md * d[a] / norm) + s * (axis[a] - ad * d[a] / norm))
             gap += n[a] * n[a]
             depth += (m[a] + s * axis[a]) * d[a]
-            p[a] = frames[f, a, 3] + s * axis[a]
+            p[a] = base[a] + s * axis[a]
         gap, depth = math.sqrt(gap), depth / (norm * norm)
         per_pixel = 0.0
         for a in range(3):
             n[a] = n[a] / gap if gap > 0.0 else 0.0
-            per_pixel += n[a] * (o1[a] + depth * d1[a])
+            per_pixel += n[a] * (slope[i, a] + depth * slope[i, 3 + a])
         scale = 1.0 / (max(abs(per_pixel), 1e-9) * sigma[i])
         r[i] = (gap - r0 - grow * s) * scale
         for j in range(J.shape[1]):

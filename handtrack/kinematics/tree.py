@@ -16,8 +16,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .. import _kernels
-from .couplings import Coupling, coupling_matrix
+from .couplings import Coupling, coupling_matrix, soft_rows
 from .order import parents_first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkSigmas:
+    """Standard deviations of a link's shape, model units: length, the two radii, and the offsets of the two ends."""
+
+    length: float = 0.0
+    radius: tuple[float, float] = (0.0, 0.0)
+    base_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tip_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +48,10 @@ class FrameRow:
         Fixed transform used instead of the four parameters; a row with a transform has no joint.
     link_length, link_radius : float, (float, float)
         A pill along the x axis of this frame, with its radius at the base and at the tip; None for no body.
+    link_base_offset, link_tip_offset : (float, float, float) or None
+        Added to the centres (0, 0, 0) and (link_length, 0, 0) of the pill's end spheres, in the axes of this frame.
+    link_sigmas : LinkSigmas or None
+        How well the shape is known; None where it is taken as exact.
     """
 
     id: int
@@ -52,6 +66,9 @@ class FrameRow:
     transform: Float[np.ndarray, "4 4"] | None = None
     link_length: float | None = None
     link_radius: tuple[float, float] | None = None
+    link_base_offset: tuple[float, float, float] | None = None
+    link_tip_offset: tuple[float, float, float] | None = None
+    link_sigmas: LinkSigmas | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +88,14 @@ class Model:
         Radians (model units for prismatic joints).
     free, coupling, coupling_offset : (k,), (j, k), (j,)
         Independent joints `u`, and `q = coupling @ u + coupling_offset`.
+    soft, soft_target, soft_couplings : (c, k), (c,), tuple of Coupling
+        Soft couplings, `soft @ u - soft_target` standard normal, and as they were given.
     link_frame, link_length, link_radius : (l,), (l,), (l, 2)
         Pills along the x axes of their frames.
+    link_base, link_tip : (l, 3), (l, 3)
+        Centres of the pills' end spheres in their frames: (0, 0, 0) and (length, 0, 0) unless the shape is offset.
+    link_sigmas : tuple of LinkSigmas or None
+        How well each link's shape is known; None where it is taken as exact.
     link_finger, link_is_tip, link_parent : (l,)
         Group of links that lead to the same tip, whether the link ends its chain, and the nearest link below it (-1).
     """
@@ -89,9 +112,15 @@ class Model:
     free: Int[np.ndarray, " k"]
     coupling: Float[np.ndarray, "j k"]
     coupling_offset: Float[np.ndarray, " j"]
+    soft: Float[np.ndarray, "c k"]
+    soft_target: Float[np.ndarray, " c"]
+    soft_couplings: tuple[Coupling, ...]
     link_frame: Int[np.ndarray, " l"]
     link_length: Float[np.ndarray, " l"]
     link_radius: Float[np.ndarray, "l 2"]
+    link_base: Float[np.ndarray, "l 3"]
+    link_tip: Float[np.ndarray, "l 3"]
+    link_sigmas: tuple[LinkSigmas | None, ...]
     link_finger: Int[np.ndarray, " l"]
     link_is_tip: Bool[np.ndarray, " l"]
     link_parent: Int[np.ndarray, " l"]
@@ -124,7 +153,7 @@ def model_from_rows(
     rows : sequence of FrameRow
         In any order; ids unique and positive, parents present, no cycle.
     couplings : sequence of Coupling
-        Joints that follow others linearly.
+        Joints that follow others linearly, exactly or within a sigma.
 
     Raises
     ------
@@ -152,6 +181,7 @@ def model_from_rows(
         ]
     )
     free, coupling, offset = coupling_matrix(tuple(names), couplings)
+    soft, soft_target = soft_rows(tuple(names), couplings, coupling, offset)
     links = [i for i, row in enumerate(rows) if row.link_length is not None]
     link_finger, link_is_tip, link_parent = _link_groups(parent, np.array(links, dtype=int))
     return Model(
@@ -167,9 +197,17 @@ def model_from_rows(
         free=free,
         coupling=coupling,
         coupling_offset=offset,
+        soft=soft,
+        soft_target=soft_target,
+        soft_couplings=tuple(coupling for coupling in couplings if coupling.sigma is not None),
         link_frame=np.array(links, dtype=int),
         link_length=np.array([rows[i].link_length for i in links], dtype=float),
         link_radius=np.array([rows[i].link_radius for i in links], dtype=float).reshape(-1, 2),
+        link_base=np.array([rows[i].link_base_offset or (0.0, 0.0, 0.0) for i in links]).reshape(-1, 3),
+        link_tip=np.array(
+            [np.add((rows[i].link_length, 0.0, 0.0), rows[i].link_tip_offset or (0.0, 0.0, 0.0)) for i in links]
+        ).reshape(-1, 3),
+        link_sigmas=tuple(rows[i].link_sigmas for i in links),
         link_finger=link_finger,
         link_is_tip=link_is_tip,
         link_parent=link_parent,
@@ -257,8 +295,9 @@ def link_ends(
 ) -> tuple[Float[np.ndarray, "*b l 3"], Float[np.ndarray, "*b l 3"]]:
     """Base and tip of every link's axis, in the base frame, from the frames of `forward`."""
     of_links = frames[..., model.link_frame, :, :]
-    base = of_links[..., :3, 3]
-    return base, base + model.link_length[:, None] * of_links[..., :3, 0]
+    turn, origin = of_links[..., :3, :3], of_links[..., :3, 3]
+    base = (turn @ model.link_base[:, :, None])[..., 0] + origin
+    return base, (turn @ model.link_tip[:, :, None])[..., 0] + origin
 
 
 def joints_below(model: Model) -> Bool[np.ndarray, "f j"]:
