@@ -5,7 +5,7 @@ rest. Edges of all views go into one stacked residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,8 +16,10 @@ from .edges import BORDER
 from .fit import Fit, fit
 from .measure import Look, look
 from .measure_lines import look_lines
+from .pixels import surface_pixels
+from .refine import refine
 from .residuals import Chain, Rows, rows, stack_features, stack_rows
-from .scatter import whitener
+from .scatter import Whitener, whitener
 from .settings import Settings
 from .smooth import KalmanState
 
@@ -84,6 +86,9 @@ class Known:
     appearance: tuple[Appearance, ...]
     consistency: Consistency
     stored: tuple[Float[np.ndarray, "n m"] | None, ...]
+
+
+_Done = tuple[tuple[Look, ...], Rows, Whitener, Fit, Float[np.ndarray, "k k"]]  # what one round of the loop leaves
 
 
 def prior_of(on: Chain, motion: KalmanState) -> Prior:
@@ -154,13 +159,34 @@ def estimate(
         return Estimate(
             prior.mean, prior.covariance, nothing, prior, seen, None, None, 0.0, known.consistency, widen
         )
+    if known.settings.refine and known.settings.residuals == "outline":
+        done = _refined(images, known, prior, done)
     seen, evidence, white, found, covariance = done
+    u = found.u
     features = [view.features for view in seen]
     consistency = assess(
         known.consistency, known.on, features, evidence, white, found, covariance, prior.covariance
     )
     pixels = float(np.sqrt(np.mean((evidence.residual(u)[0] * evidence.sigma) ** 2)))
     return Estimate(u, covariance, found.information, prior, seen, found, evidence, pixels, consistency, widen)
+
+
+def _refined(images: Sequence[Float[np.ndarray, "h w"]], known: Known, prior: Prior, done: _Done) -> _Done:
+    """One more look with denser samplers, then edges and pixels in one solve."""
+    _, _, _, found, covariance = done
+    dense = replace(known, settings=replace(known.settings, spacing=known.settings.refine_spacing))
+    seen = _look(images, dense, found.u, covariance, 1.0, (None,) * len(known.on))
+    evidence = _evidence(known.on, seen)
+    if evidence.sigma.size < _LEAST_ROWS:
+        return done
+    scatter = known.consistency.scatter
+    white = whitener(evidence.sigma, evidence.group, scatter)
+    pixels = [
+        surface_pixels(image, on, view.pills, its.blur)
+        for image, on, view, its in zip(images, known.on, seen, known.appearance, strict=True)
+    ]
+    found = refine(known.on, evidence, white, pixels, known.appearance, found.u, prior.mean, prior.information)
+    return seen, evidence, white, found, np.linalg.inv(found.information + prior.information)
 
 
 def _expected(seen: Sequence[Look]) -> int:

@@ -20,3 +20,4 @@ from .profiles import shade as shade
 from .residuals import outline_rows as outline_rows
 from .residuals import soften_rows as soften_rows
 from .residuals import whiten_rows as whiten_rows
+from .pixels import pixel_rows as pixel_rows
