@@ -102,38 +102,61 @@ def learn(
     Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a
     highlight) are weighted down by Tukey's function of their residual.
     """
-    blur = previous.blur if previous else SHARP
-    points, level = _surface_samples(image, pills, camera, blur)
+    points, level = _surface_samples(image, pills, camera, previous.blur if previous else SHARP)
     origin, direction = rays(camera, points)
     hits = ray_hits(pills, origin, direction)
     on = hits.pill >= 0
-    noise = _noise(image, points, on)
-    background = median(level[~on]) if (~on).any() else (previous.background if previous else 0.0)
-    normal, target, link = hits.normal[on], level[on], hits.pill[on]
-    gain = previous.gain if previous else np.ones(pills.base.shape[0])
+    noise = pixel_noise(image, points, on)
+    return learn_from_samples(hits.normal[on], hits.pill[on], level[on], level[~on], noise, pills.base.shape[0], previous)
+
+
+def learn_from_samples(
+    normal: Float[np.ndarray, "n 3"],
+    link: Int[np.ndarray, " n"],
+    level: Float[np.ndarray, " n"],
+    behind: Float[np.ndarray, " m"],
+    noise: float,
+    links: int,
+    previous: Appearance | None = None,
+) -> Appearance:
+    """The appearance from grey levels of surface points, whatever the shape of the surface.
+
+    Parameters
+    ----------
+    normal, link, level : (n, 3), (n,), (n,)
+        Unit normal in camera axes, link and grey level of points on the surface.
+    behind : (m,)
+        Grey levels of the background.
+    noise : float
+        Standard deviation of the pixel noise in this image, see `pixel_noise`.
+    links : int
+        Number of links, each with a gain.
+    """
+    background = median(behind) if behind.size else (previous.background if previous else 0.0)
+    gain = previous.gain if previous else np.ones(links)
     if previous is not None:
         noise = _MEMORY * previous.noise + (1.0 - _MEMORY) * noise
         background = _MEMORY * previous.background + (1.0 - _MEMORY) * background
-    if target.size < 20:
-        return replace(previous, noise=noise) if previous else _flat(pills, background, noise, level)
+    if level.size < 20:
+        everything = np.concatenate([level, behind])
+        return replace(previous, noise=noise) if previous else _flat(links, background, noise, everything)
     basis = harmonics(normal)
     known = previous and gain[link] * (basis @ previous.shading[:25] + np.maximum(normal @ previous.shading[25:], 0.0))
-    weight = _plausible(target, known, background, noise)
-    light = _light(normal, target / gain[link], weight, previous.shading[25:] if previous else None)
+    weight = _plausible(level, known, background, noise)
+    light = _light(normal, level / gain[link], weight, previous.shading[25:] if previous else None)
     lit = np.maximum(normal @ light, 0.0)
     design = np.column_stack([basis, lit]) * gain[link, None]
     weighted = design * weight[:, None]
-    matrix, vector = weighted.T @ design, weighted.T @ target
+    matrix, vector = weighted.T @ design, weighted.T @ level
     if previous is not None:
         matrix, vector = matrix + _MEMORY * previous.normal_matrix, vector + _MEMORY * previous.normal_vector
-    solution = np.linalg.solve(matrix + _RIDGE * target.size * np.diag(np.append(_DEGREE**2, 0.0) + 1e-3), vector)
+    solution = np.linalg.solve(matrix + _RIDGE * level.size * np.diag(np.append(_DEGREE**2, 0.0) + 1e-3), vector)
     shading = np.append(solution[:25], max(solution[25], 0.0) * light)
     shaded_now = basis @ solution[:25] + max(solution[25], 0.0) * lit
-    residual = np.abs(target - gain[link] * shaded_now)[weight > 0]
+    residual = np.abs(level - gain[link] * shaded_now)[weight > 0]
     spread = 1.4826 * median(residual) if residual.size else noise
-    return Appearance(
-        shading, _gains(gain, link, target, shaded_now, weight), background, noise, blur, spread, matrix, vector
-    )
+    gain, blur = _gains(gain, link, level, shaded_now, weight), previous.blur if previous else SHARP
+    return Appearance(shading, gain, background, noise, blur, spread, matrix, vector)
 
 
 def _plausible(
@@ -192,7 +215,7 @@ def _surface_samples(
     return points[inside], level[inside]
 
 
-def _noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
+def pixel_noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
     """Pixel noise from second differences along rows on the surface, where nothing is clipped at black."""
     at = np.rint(points[on] if on.sum() >= 50 else points).astype(int)
     at = at[(at[:, 0] >= 1) & (at[:, 0] < image.shape[1] - 1) & (at[:, 1] >= 0) & (at[:, 1] < image.shape[0])]
@@ -220,11 +243,11 @@ def _gains(
     return np.clip(gain + 0.3 * (top / np.maximum(bottom, 1e-9) - gain), 0.3, 3.0)
 
 
-def _flat(pills: Pills, background: float, noise: float, level: Float[np.ndarray, " n"]) -> Appearance:
+def _flat(links: int, background: float, noise: float, level: Float[np.ndarray, " n"]) -> Appearance:
     """A surface of one grey level, when next to nothing of the model is in the image."""
     brightest = float(level.max()) if level.size else 255.0
     shading = np.zeros(28)
     shading[0] = brightest
     return Appearance(
-        shading, np.ones(pills.base.shape[0]), background, noise, SHARP, noise, np.zeros((26, 26)), np.zeros(26)
+        shading, np.ones(links), background, noise, SHARP, noise, np.zeros((26, 26)), np.zeros(26)
     )

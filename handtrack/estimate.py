@@ -156,17 +156,13 @@ def estimate(
             break
     if done is None:
         nothing = np.zeros_like(prior.covariance)
-        return Estimate(
-            prior.mean, prior.covariance, nothing, prior, seen, None, None, 0.0, known.consistency, widen
-        )
+        return Estimate(prior.mean, prior.covariance, nothing, prior, seen, None, None, 0.0, known.consistency, widen)
     if known.settings.refine and known.settings.residuals == "outline":
         done = _refined(images, known, prior, done)
     seen, evidence, white, found, covariance = done
     u = found.u
     features = [view.features for view in seen]
-    consistency = assess(
-        known.consistency, known.on, features, evidence, white, found, covariance, prior.covariance
-    )
+    consistency = assess(known.consistency, known.on, features, evidence, white, found, covariance, prior.covariance)
     pixels = float(np.sqrt(np.mean((evidence.residual(u)[0] * evidence.sigma) ** 2)))
     return Estimate(u, covariance, found.information, prior, seen, found, evidence, pixels, consistency, widen)
 

@@ -8,7 +8,8 @@ With `e = q_estimated - q_true` of one frame (angles wrapped to +-180 degrees) a
 
 `C^+` is the pseudo-inverse: joints that are coupled make C singular, and errors can only lie in its range. The
 normalised estimation error squared (NEES) and its band are the consistency test of Bar-Shalom, Li and Kirubarajan,
-Estimation with Applications to Tracking and Navigation (2001), section 5.4.
+Estimation with Applications to Tracking and Navigation (2001), section 5.4. Where the images are at hand, every RMSE
+is also given as a ratio to the Cramer-Rao bound (`bound`).
 """
 
 import json
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
+from .bound import Bounds, usual_sigma
 from .camera import Camera, project
 from .errors import InputError
 from .kinematics import Model, forward, link_ends, point_jacobian
@@ -57,6 +59,8 @@ class Evaluation:
         sequence is too narrow; over many sequences it is exact for one frame of each.
     coverage_1sigma, coverage_2sigma : (j,)
         Share of frames whose error is within one and two sigmas; NaN for a joint without truth.
+    bounds : Bounds or None
+        Cramer-Rao bounds, where the images were at hand.
     """
 
     joint_names: tuple[str, ...]
@@ -81,6 +85,7 @@ class Evaluation:
     nees_band: tuple[float, float]
     coverage_1sigma: Float[np.ndarray, " j"]
     coverage_2sigma: Float[np.ndarray, " j"]
+    bounds: Bounds | None = None
 
 
 def evaluate(track: Track, truth: Truth, model: Model, camera: Camera) -> Evaluation:
@@ -247,6 +252,7 @@ def as_json(evaluation: Evaluation) -> str:
     joints = [
         {"joint": name, "unit": evaluation.units if slides else "deg"}
         | {column: _number(values[i]) for column, values in columns.items()}
+        | _bound_entry(evaluation, i, to_file[i])
         for i, (name, slides) in enumerate(zip(names, evaluation.prismatic, strict=True))
     ]
     document = {
@@ -265,22 +271,45 @@ def as_json(evaluation: Evaluation) -> str:
         "nees_band": [_number(edge) for edge in evaluation.nees_band],
         "nees": [_number(value) for value in evaluation.nees],
         "nees_dof": evaluation.nees_dof.tolist(),
+        "bound": _bound_document(evaluation.bounds),
         "joints": joints,
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
+def _bound_entry(evaluation: Evaluation, joint: int, to_file: float) -> dict[str, object]:
+    """Bound of a joint, the ratio of its RMSE to it, and the share of frames blind to it; none without bounds."""
+    if evaluation.bounds is None:
+        return {}
+    bound = float(usual_sigma(evaluation.bounds)[joint])
+    share = float(np.isinf(evaluation.bounds.sigma[:, joint]).mean())
+    ratio = float(evaluation.rmse[joint]) / bound if bound > 0.0 and math.isfinite(bound) else math.nan
+    return {"bound": _number(bound * to_file), "rmse_to_bound": _number(ratio), "unseen_frames": _number(share)}
+
+
+def _bound_document(bounds: Bounds | None) -> dict[str, object] | None:
+    if bounds is None:
+        return None
+    return {
+        "frames": bounds.frame.tolist(),
+        "noise": [_number(noise) for noise in np.median(bounds.noise, axis=0)],
+        "known_light": bounds.known_light,
+    }
+
+
 def as_text(evaluation: Evaluation) -> str:
     """The evaluation as a plain table of text; degrees (model units for prismatic joints)."""
     width = max(len("joint"), *(len(name) for name in evaluation.joint_names))
-    lines = [f"{'joint':<{width}}  {'rmse':>8}  {'bias':>8}  {'largest':>8}  {'in 1 s':>6}  {'in 2 s':>6}  unit"]
+    header = f"{'joint':<{width}}  {'rmse':>8}  {'bias':>8}  {'largest':>8}  {'in 1 s':>6}  {'in 2 s':>6}"
+    more = "" if evaluation.bounds is None else f"  {'bound':>8}  {'ratio':>6}"
+    lines = [f"{header}{more}  unit"]
     for i, name in enumerate(evaluation.joint_names):
         slides = bool(evaluation.prismatic[i])
         scale, unit = (1.0, evaluation.units) if slides else (180.0 / np.pi, "deg")
         errors = [values[i] * scale for values in (evaluation.rmse, evaluation.bias, evaluation.largest)]
         shares = [evaluation.coverage_1sigma[i], evaluation.coverage_2sigma[i]]
         cells = [_cell(x, 8, 3) for x in errors] + [_cell(100 * x, 5, 0, "%") for x in shares]
-        lines.append(f"{name:<{width}}  " + "  ".join(cells) + f"  {unit}")
+        lines.append(f"{name:<{width}}  " + "  ".join(cells + _bound_cells(evaluation, i, scale)) + f"  {unit}")
     low, high = evaluation.nees_band
     return "\n".join(
         [
@@ -294,9 +323,27 @@ def as_text(evaluation: Evaluation) -> str:
             f"lost {100 * evaluation.share_lost:.1f} %",
             f"NEES          mean {_cell(evaluation.nees_mean)} at {_cell(evaluation.nees_mean_dof, digits=1)} degrees "
             f"of freedom, 95 % band {_cell(low)} to {_cell(high)}",
+            *_bound_lines(evaluation.bounds),
             "",
         ]
     )
+
+
+def _bound_cells(evaluation: Evaluation, joint: int, scale: float) -> list[str]:
+    if evaluation.bounds is None:
+        return []
+    bound = float(usual_sigma(evaluation.bounds)[joint]) * scale
+    if math.isinf(bound):
+        return ["  unseen", _cell(math.nan, 6, 1)]
+    return [f"{bound:8.4f}", _cell(evaluation.rmse[joint] * scale / bound if bound > 0.0 else math.nan, 6, 1)]
+
+
+def _bound_lines(bounds: Bounds | None) -> list[str]:
+    if bounds is None:
+        return []
+    noise = ", ".join(f"{value:.2f}" for value in np.median(bounds.noise, axis=0))
+    light = "known" if bounds.known_light else "unknown"
+    return [f"bound         Cramer-Rao, median of {bounds.frame.size} frames; noise {noise} grey levels, light {light}"]
 
 
 def _column_mean(values: np.ndarray, known: Bool[np.ndarray, "n j"]) -> Float[np.ndarray, " j"]:

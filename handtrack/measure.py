@@ -20,6 +20,7 @@ from .settings import Settings
 from .templates import Templates, expect, positions
 
 LEAST_REACH, MOST_REACH = 2.5, 60.0  # pixels
+_DENSE = 6.0  # spacing below which samplers are as many as fit
 _COARSE = 14.0  # pixels of reach beyond which samples are a pixel apart
 
 
@@ -73,7 +74,7 @@ def look(
         An earlier look from a pose so close that its templates still hold.
     """
     pills = posed(on, u)
-    samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing)
+    samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing, *_counts(settings.spacing))
     spread = _predicted_spread(on, samplers, u, covariance)
     reach = np.clip(widen * (3.0 * spread + 1.0), LEAST_REACH, MOST_REACH)
     farthest = float(reach.max(initial=LEAST_REACH))
@@ -94,6 +95,13 @@ def look(
     ray, slope = in_world(on.camera, samplers.ray[found] + edges.offset[found, None] * slope, slope)
     features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])
     return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
+
+
+def _counts(spacing: float) -> tuple[int, Float[np.ndarray, " k"] | None]:
+    """Most samplers on one side of a link, and angles around a tip: as many as the spacing asks for if it is dense."""
+    if spacing >= _DENSE:
+        return 16, None
+    return 64, np.radians(np.linspace(-66.0, 66.0, 2 * int(np.clip(30.0 / spacing, 2, 10)) + 1))
 
 
 def _cut_by_polygons(templates: Templates, samplers: Samplers, pills: Pills, on: Chain) -> Templates:

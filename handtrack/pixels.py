@@ -52,9 +52,7 @@ class Shaded:
     expected: Float[np.ndarray, " n"]
 
 
-def surface_pixels(
-    image: Float[np.ndarray, "h w"], on: Chain, pills: Pills, blur: float, most: int = 1500
-) -> Pixels:
+def surface_pixels(image: Float[np.ndarray, "h w"], on: Chain, pills: Pills, blur: float, most: int = 1500) -> Pixels:
     """Whole pixels on a grid along every link that show nothing but its surface; about `most` of them at the most."""
     camera = on.camera
     base, tip = project_camera(camera, pills.base), project_camera(camera, pills.tip)

@@ -165,9 +165,7 @@ def _light(on: Chain, pixels: Pixels, appearance: Appearance, u: Float[np.ndarra
     return Light(weight, white, np.linalg.solve(root, basis.T).T)
 
 
-def _design(
-    on: Chain, pixels: Pixels, appearance: Appearance, seen: Shaded
-) -> Float[np.ndarray, "n m"]:
+def _design(on: Chain, pixels: Pixels, appearance: Appearance, seen: Shaded) -> Float[np.ndarray, "n m"]:
     """Derivative of the residuals by shading coefficients (light and polynomial) and by the logarithm of each gain."""
     light = appearance.shading[25:]
     size = float(np.linalg.norm(light))

@@ -59,7 +59,7 @@ def shape_jacobian(
         own = np.arange(axis.shape[0]) == link[:, None]
         length = moved * np.where(own, seen.along[:, None], share[link])
         radius = pills.radius[link, 0] + seen.along * (pills.radius[link, 1] - pills.radius[link, 0])
-        across = np.cross(axis[link], features.ray[:, 3:])
+        across = np.cross(axis, on.camera.R[2])[link]
         across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         towards = (seen.normal * across).sum(axis=1)
         kinds = [length, own * radius[:, None], own * (radius * towards)[:, None]]

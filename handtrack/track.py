@@ -34,6 +34,15 @@ class Track:
         Number of accepted edge points.
     seconds : (n,)
         Computing time of the frame, image reading apart.
+    view_edges, view_visible : (n, v), (n, v, l) or None
+        Accepted edge points and visible share of each link in each view; None for a track that does not say.
+    rival, rival_weight : (n, j), (n,) or None
+        Another pose that the images so far could not tell from `q`, NaN where there is none, and its weight, 0 to 1;
+        its distance from q is in the covariance. None for a track that does not say.
+    width, width_sigma, width_lasting, width_profiles : (n, l) or None
+        Measured width in the middle of each link with its standard deviation, the part of that which is the same in
+        all frames, and the number of profiles with both edges; width 0 and sigma inf where there is none (see
+        `handtrack.width`). None for a track that does not say.
     """
 
     joint_names: tuple[str, ...]
@@ -49,3 +58,11 @@ class Track:
     visible: Float[np.ndarray, "n l"]
     edges: Int[np.ndarray, " n"]
     seconds: Float[np.ndarray, " n"]
+    view_edges: Int[np.ndarray, "n v"] | None = None
+    view_visible: Float[np.ndarray, "n v l"] | None = None
+    rival: Float[np.ndarray, "n j"] | None = None
+    rival_weight: Float[np.ndarray, " n"] | None = None
+    width: Float[np.ndarray, "n l"] | None = None
+    width_sigma: Float[np.ndarray, "n l"] | None = None
+    width_lasting: Float[np.ndarray, "n l"] | None = None
+    width_profiles: Int[np.ndarray, "n l"] | None = None

@@ -1,6 +1,6 @@
 """The hand loop: images in, a track out. One step reads like the picture of the method:
 
-predict -> (look -> fit) until the pose rests -> learn the appearance -> filter
+predict -> (look -> fit) until the pose rests -> weigh it against its rivals -> learn the appearance -> filter
 """
 
 import time
@@ -14,14 +14,16 @@ from .appearance import Appearance, learn
 from .camera import Camera
 from .consistency import Consistency, first_consistency
 from .estimate import Estimate, Known, estimate
+from .hypotheses import Rival, Verdict, corrected, differ, judge
 from .kinematics import Model
 from .measure import posed, visible_share
 from .measure_lines import first_profiles
-from .prediction import Prediction, correct, first_prediction, predict
+from .prediction import Prediction, first_prediction, predict
 from .residuals import Chain, chain
 from .settings import Settings
 from .sharpness import learn_blur
 from .track import LOST, TRACKED, UNCERTAIN, Track
+from .width import widths_in_views
 
 Image = Float[np.ndarray, "h w"]
 
@@ -47,6 +49,8 @@ class State:
         Profiles of the first frame in each view, where these are the templates.
     widen, frames : float, int
         Factor on the next search range, and number of frames seen.
+    rivals : tuple of Rival
+        Other poses that the images so far cannot tell from the tracked one.
     """
 
     prediction: Prediction
@@ -55,11 +59,12 @@ class State:
     stored: tuple[Float[np.ndarray, "n m"] | None, ...]
     widen: float
     frames: int
+    rivals: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One tracked frame: all joints, with the state of the evidence."""
+    """One tracked frame: all joints, with the state of the evidence, and the likeliest rival with its weight."""
 
     q: Float[np.ndarray, " j"]
     covariance: Float[np.ndarray, "j j"]
@@ -67,6 +72,8 @@ class Frame:
     estimate: Estimate
     status: str
     confidence: float
+    other: Float[np.ndarray, " j"] | None = None
+    other_weight: float = 0.0
 
 
 def track(
@@ -105,13 +112,13 @@ def track(
     for number, (now, took, frame) in enumerate(follow(frames, on, start_pose, fps, settings or Settings(), times)):
         moments.append(now)
         seconds.append(took)
-        done.append(_kept(frame, model.link_frame.size))
+        done.append(_kept(frame, on))
         if progress is not None:
             progress(number + 1)
     if not done:
         raise ValueError("frames: there is no image to track")
     columns = [np.stack(column) for column in zip(*done, strict=True)]
-    q, covariance, information, status, confidence, residual, visible, edges = columns
+    q, covariance, information, status, confidence, residual, visible, edges, rival, weight, *width = columns
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return Track(
         joint_names=model.joint_names,
@@ -124,9 +131,17 @@ def track(
         status=status,
         confidence=confidence,
         residual=residual,
-        visible=visible,
-        edges=edges,
+        visible=visible.max(axis=1),
+        edges=edges.sum(axis=1),
         seconds=np.array(seconds),
+        view_edges=edges,
+        view_visible=visible,
+        rival=rival,
+        rival_weight=weight,
+        width=width[0],
+        width_sigma=width[1],
+        width_lasting=width[2],
+        width_profiles=width[3],
     )
 
 
@@ -184,18 +199,23 @@ def step(
         appearance = _learn_blur(images, on, found, appearance, settings)
         known = Known(tuple(on), settings, appearance, state.consistency, state.stored)
         found = estimate(images, known, ahead.motion, found.u, passes, found.widen)
-    if found.information.any() and (state.frames < _YOUNG or state.frames % 3 == 0):
+    verdict = Verdict(found, ahead, found.covariance, (), np.zeros((0, found.u.size)), None, 0.0)
+    if settings.hypotheses and settings.residuals == "outline":
+        verdict = judge(images, known, ahead, found, state.rivals, dt, passes)
+    found = verdict.found
+    taught = found.information.any() and not verdict.rivals  # what rivals look like is for them to tell apart
+    if taught and (state.frames < _YOUNG or state.frames % 3 == 0):
         appearance = _learn(images, on, found.u, appearance)
         if state.frames < _START_FRAMES or state.frames % _BLUR_EVERY == 0:
             appearance = _learn_blur(images, on, found, appearance, settings)
-    following = correct(ahead, found.u, found.information, found.prior.mean, found.prior.information)
+    following = corrected(verdict.ahead, found, verdict.close)
     stored = state.stored
     if settings.templates == "first" and stored[0] is None:
         views = zip(images, on, appearance, strict=True)
         stored = tuple(first_profiles(image, view, found.u, its, settings) for image, view, its in views)
     widen = max(1.0, 0.8 * found.widen)
-    frame = _frame(on[0], found, following)
-    return State(following, appearance, found.consistency, stored, widen, state.frames + 1), frame
+    frame = _frame(on[0], verdict, following)
+    return State(following, appearance, found.consistency, stored, widen, state.frames + 1, verdict.rivals), frame
 
 
 def _check(images: Sequence[Image], on: Sequence[Chain]) -> None:
@@ -227,23 +247,30 @@ def _learn_blur(
     return tuple(learn_blur(image, view, seen, its, settings) for image, view, seen, its in views)
 
 
-def _frame(on: Chain, found: Estimate, following: Prediction) -> Frame:
-    C = on.model.coupling
-    covariance = C @ (found.covariance + found.consistency.shape_covariance) @ C.T
+def _frame(on: Chain, verdict: Verdict, following: Prediction) -> Frame:
+    found, C = verdict.found, on.model.coupling
+    covariance = C @ (verdict.covariance + found.consistency.shape_covariance) @ C.T
+    q = C @ found.u + on.model.coupling_offset
+    other = None if verdict.other is None else C @ verdict.other + on.model.coupling_offset
+    doubtful = following.unseen.any() or (verdict.other is not None and differ(on.model, found.u, verdict.other))
     expected = sum(int(view.expected.sum()) for view in found.seen)
-    share = sum(int(view.found.sum()) for view in found.seen) / expected if expected and found.information.any() else 0.0
-    if share < _LOST_BELOW:
-        status = LOST
-    else:
-        status = UNCERTAIN if share < _UNCERTAIN_BELOW or following.unseen.any() else TRACKED
+    share = (
+        sum(int(view.found.sum()) for view in found.seen) / expected if expected and found.information.any() else 0.0
+    )
+    known = UNCERTAIN if share < _UNCERTAIN_BELOW or doubtful else TRACKED
+    status = LOST if share < _LOST_BELOW else known
     confidence = share * (1.0 - 0.5 * float(following.unseen.mean()))
-    return Frame(C @ found.u + on.model.coupling_offset, covariance, following.unseen, found, status, confidence)
+    return Frame(q, covariance, following.unseen, found, status, confidence, other, verdict.other_weight)
 
 
-def _kept(frame: Frame, links: int) -> tuple[np.ndarray | str | float | int, ...]:
+def _kept(frame: Frame, on: Sequence[Chain]) -> tuple[np.ndarray | str | float | int, ...]:
     """What the track keeps of a frame; the looks at the images are let go."""
-    seen = frame.estimate.seen
-    visible = np.max([visible_share(view.samplers, view.edges, links) for view in seen], axis=0)
-    edges = sum(int(view.found.sum()) for view in seen)
+    seen, model = frame.estimate.seen, on[0].model
+    visible = np.array([visible_share(view.samplers, view.edges, model.link_frame.size) for view in seen])
+    edges = np.array([int(view.found.sum()) for view in seen])
     image_only, residual = frame.estimate.information, frame.estimate.residual
-    return frame.q, frame.covariance, image_only, frame.status, frame.confidence, residual, visible, edges
+    rival = np.full(frame.q.size, np.nan) if frame.other is None else frame.other
+    sure = frame.status, frame.confidence
+    widths = widths_in_views(seen, [posed(view, frame.estimate.u) for view in on], model.link_radius)
+    width = widths.width, widths.sigma, widths.lasting, widths.profiles
+    return frame.q, frame.covariance, image_only, *sure, residual, visible, edges, rival, frame.other_weight, *width

@@ -1,11 +1,12 @@
-"""A scene (model, camera, light, true motion) in, its images out.
+"""A scene (model, cameras, light, true motion) in, its images out.
 
-Every frame has its own random numbers, drawn from (seed, frame): frames can be made in any order, with the same bytes.
+Every image has its own random numbers, drawn from (seed, frame) or, in a further view, (seed, frame, view): images can
+be made in any order, with the same bytes.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,12 +38,16 @@ class Scene:
 
     Attributes
     ----------
+    camera : Camera
+        Of the first view. The light stands still in its axes.
     truth : (m, j)
         Joint values of each frame, radians, in the order of `model.joint_names`.
     start : (j,)
         The pose given to a tracker for frame 0; may be wrong on purpose.
     background : float or (h, w) array
-        Grey level behind the pills.
+        Grey level behind the pills, in every view.
+    more_cameras : tuple of Camera
+        One for each further view; all see the scene at the same moments.
     """
 
     name: str
@@ -58,6 +63,12 @@ class Scene:
     background: Background = BLACK
     sensor: Sensor = field(default_factory=Sensor)
     fps: float = 25.0
+    more_cameras: tuple[Camera, ...] = ()
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """One camera for each view."""
+        return (self.camera, *self.more_cameras)
 
 
 def skin(model: Model) -> Material:
@@ -65,26 +76,28 @@ def skin(model: Model) -> Material:
     return Material(SKIN[model.link_finger % SKIN.shape[0]])
 
 
-def posed(scene: Scene, frame: int) -> Pills:
-    """True pills of a frame, in camera axes."""
-    return pose_pills(scene.model, forward(scene.model, scene.truth[frame]), scene.camera)
+def posed(scene: Scene, frame: int, view: int = 0) -> Pills:
+    """True pills of a frame, in the axes of a view's camera."""
+    return pose_pills(scene.model, forward(scene.model, scene.truth[frame]), scene.cameras[view])
 
 
-def clean_image(scene: Scene, frame: int) -> Float[np.ndarray, "h w *c"]:
+def clean_image(scene: Scene, frame: int, view: int = 0) -> Float[np.ndarray, "h w *c"]:
     """Image of a frame before the sensor."""
-    pills = posed(scene, frame)
-    return render(
-        pills, scene.camera, scene.material, scene.light, scene.mode, colour=scene.colour, background=scene.background
-    )
+    pills, camera = posed(scene, frame, view), scene.cameras[view]
+    light = scene.light
+    if view:
+        light = replace(light, direction=camera.R @ scene.camera.R.T @ light.direction)
+    return render(pills, camera, scene.material, light, scene.mode, colour=scene.colour, background=scene.background)
 
 
-def image(scene: Scene, frame: int) -> Float[np.ndarray, "h w *c"]:
-    """Image of a frame as the camera delivers it, float32 grey levels (or red, green, blue)."""
-    return sense(clean_image(scene, frame), scene.sensor, np.random.default_rng([scene.seed, frame]))
+def image(scene: Scene, frame: int, view: int = 0) -> Float[np.ndarray, "h w *c"]:
+    """Image of a frame as a camera delivers it, float32 grey levels (or red, green, blue)."""
+    seed = [scene.seed, frame, view] if view else [scene.seed, frame]
+    return sense(clean_image(scene, frame, view), scene.sensor, np.random.default_rng(seed))
 
 
 def images(scene: Scene) -> Iterator[Float[np.ndarray, "h w *c"]]:
-    """Images of all frames, one after the other.
+    """Images of all frames in the first view, one after the other.
 
     >>> from synth.scenes import two_finger_crossing
     >>> [picture.shape for picture in images(two_finger_crossing(1, frames=2))]
@@ -92,6 +105,12 @@ def images(scene: Scene) -> Iterator[Float[np.ndarray, "h w *c"]]:
     """
     for frame in range(scene.truth.shape[0]):
         yield image(scene, frame)
+
+
+def images_together(scene: Scene) -> Iterator[tuple[Float[np.ndarray, "..."], ...]]:
+    """For each frame the images of all views."""
+    for frame in range(scene.truth.shape[0]):
+        yield tuple(image(scene, frame, view) for view in range(len(scene.cameras)))
 
 
 def about_x(angle: float) -> Float[np.ndarray, "3 3"]:

@@ -25,6 +25,7 @@ from .scene import about_x, skin, view, wrong_start
 from .scene import clean_image as clean_image
 from .scene import image as image
 from .scene import images as images
+from .scene import images_together as images_together
 from .scene import posed as posed
 from .sensor import Sensor
 
@@ -114,13 +115,15 @@ def full_hand_spread(
 ) -> Scene:
     """The fingers spread, then flex by degrees from the little to the index finger; the thumb stays (thesis, 6.2.2).
 
-    The seed moves every joint of every key pose but the thumb's by up to 3 degrees; options as in
-    `two_finger_crossing`.
+    As in Figure 6.6, the two outer joints of a finger turn alike, and so do the first and the last of the thumb. The
+    seed moves the joints of every key pose but the thumb's by up to 3 degrees; options as in `two_finger_crossing`.
     """
     model, rng = builtin_model("full_hand"), np.random.default_rng(seed)
     keys = np.array([_hand_pose(model, spread, grade) for spread, grade in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))])
     fingers = np.array([not name.startswith("thumb") for name in model.joint_names])
     keys = keys + np.radians(rng.uniform(-3.0, 3.0, keys.shape)) * fingers
+    names = np.array(model.joint_names)
+    keys[:, np.char.endswith(names, "_dip")] = keys[:, np.char.endswith(names, "_pip")]
     truth = walk(inside_limits(model, keys), frames, max_speed)
     # The palm faces the camera, fingers to the right, thumb below; then the tilt of 45 degrees.
     R = about_x(math.pi / 4) @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -130,10 +133,10 @@ def full_hand_spread(
 
 def _hand_pose(model: Model, spread: float, grade: float) -> Float[np.ndarray, " j"]:
     """Pose of the full hand, radians: 0..1 of the spread, and of the flexion from little (over-extended) to index."""
-    abduction, rest = {"little": 16.0, "ring": 8.0, "middle": 5.0, "index": 14.0}, {"mcp": 8.0, "pip": 12.0, "dip": 8.0}
-    flexed = {"mcp": 38.0, "pip": 36.0, "dip": 22.0}
+    abduction = {"little": 16.0, "ring": 8.0, "middle": 5.0, "index": 14.0}
+    rest, flexed = {"mcp": 8.0, "pip": 10.0, "dip": 10.0}, {"mcp": 38.0, "pip": 30.0, "dip": 30.0}
     fingers = ("little", "ring", "middle", "index")
-    pose = {"thumb_palmar": 20.0, "thumb_radial": 25.0, "thumb_mcp": -10.0, "thumb_ip": -10.0, "thumb_abduction": 0.0}
+    pose = {"thumb_palmar": 10.0, "thumb_radial": 25.0, "thumb_mcp": -10.0, "thumb_ip": 10.0, "thumb_abduction": 0.0}
     for number, finger in enumerate(fingers):
         pose[f"{finger}_abduction"] = spread * abduction[finger]
         for part, angle in rest.items():

@@ -1,25 +1,25 @@
-"""A scene in, its sequence folder out: pictures, model, camera, start pose and true joint values.
+"""A scene in, its sequence folder out: pictures, model, cameras, start pose and true joint values.
 
     sequence.yaml    model.yaml    truth.csv    frames/000000.png ...   (or frames.mp4)
+    several views:                              view0/000000.png ... view1/000000.png ...   (or view0.mp4 ...)
 
 The folder appears whole or not at all.
 """
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from handtrack.camera import Camera
 from handtrack.formats import folder_written_whole, write_bytes, write_model, write_text
+from handtrack.formats.cameras import cameras_text
 from handtrack.formats.poses import code_units
 from handtrack.kinematics import Model
 from handtrack.report.video import write_video
 
-from .scene import Scene, images
+from .scene import Scene, image
 
 COMPRESSION = (cv2.IMWRITE_PNG_COMPRESSION, 6)
 
@@ -41,7 +41,7 @@ def write_sequence(
     replace : bool
         Whether a folder that is already there gives way.
     done : callable, optional
-        Called with the number of frames made so far.
+        Called with the number of images made so far, those of all views.
 
     Raises
     ------
@@ -54,23 +54,26 @@ def write_sequence(
 
 def fill_sequence(path: Path, scene: Scene, *, video: bool = False, done: Callable[[int], None] | None = None) -> None:
     """Write the files of a sequence into a folder that is there and empty; see `write_sequence`."""
-    if video:
-        write_video(path / "frames.mp4", _colour(_pixels(scene, done)), scene.fps)
-    else:
-        (path / "frames").mkdir()
-        for number, pixels in enumerate(_pixels(scene, done)):
+    names = [f"view{view}" for view in range(len(scene.cameras))] if scene.more_cameras else ["frames"]
+    for view, name in enumerate(names):
+        if video:
+            write_video(path / f"{name}.mp4", _colour(_pixels(scene, view, done)), scene.fps)
+            continue
+        (path / name).mkdir()
+        for number, pixels in enumerate(_pixels(scene, view, done)):
             _, content = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels, COMPRESSION)
-            write_bytes(path / "frames" / f"{number:06d}.png", content.tobytes())
+            write_bytes(path / name / f"{number:06d}.png", content.tobytes())
     write_model(path / "model.yaml", scene.model)
     write_text(path / "truth.csv", truth_text(scene.model, scene.truth))
-    write_text(path / "sequence.yaml", sequence_text(scene, "frames.mp4" if video else "frames/*.png"))
+    write_text(path / "sequence.yaml", sequence_text(scene, [name + (".mp4" if video else "/*.png") for name in names]))
 
 
-def _pixels(scene: Scene, done: Callable[[int], None] | None) -> Iterator[UInt8[np.ndarray, "h w *c"]]:
-    for number, image in enumerate(images(scene)):
-        yield np.clip(np.rint(image), 0, 255).astype(np.uint8)
+def _pixels(scene: Scene, view: int, done: Callable[[int], None] | None) -> Iterator[UInt8[np.ndarray, "h w *c"]]:
+    count = scene.truth.shape[0]
+    for number in range(count):
+        yield np.clip(np.rint(image(scene, number, view)), 0, 255).astype(np.uint8)
         if done is not None:
-            done(number + 1)
+            done(view * count + number + 1)
 
 
 def _colour(pictures: Iterator[UInt8[np.ndarray, "h w *c"]]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
@@ -91,24 +94,16 @@ def truth_text(model: Model, q: Float[np.ndarray, "m j"]) -> str:
     return "\n".join(["frame," + ",".join(model.joint_names), *rows, ""])
 
 
-def sequence_text(scene: Scene, frames: str) -> str:
-    """Text of `sequence.yaml`; the start pose names the independent joints."""
+def sequence_text(scene: Scene, frames: Sequence[str]) -> str:
+    """Text of `sequence.yaml`, with a pattern for each view; the start pose names the independent joints."""
     model = scene.model
     start = (scene.start / code_units(model)).tolist()
     pose = ", ".join(f"{model.joint_names[joint]}: {_number(start[joint])}" for joint in model.free.tolist())
+    patterns = frames[0] if len(frames) == 1 else f"[{', '.join(frames)}]"
     return (
-        f"format: handtrack/sequence-1\nfps: {scene.fps:g}\nframes: {frames}\n{_camera_text(scene.camera)}"
+        f"format: handtrack/sequence-1\nfps: {scene.fps:g}\nframes: {patterns}\n{cameras_text(scene.cameras)}"
         f"model: model.yaml\nstart: {{{pose}}}\ntruth: truth.csv\n"
     )
-
-
-def _camera_text(camera: Camera) -> str:
-    scale = [("scale", camera.fx)] if camera.kind == "orthographic" else [("fx", camera.fx), ("fy", camera.fy)]
-    numbers = [("width", camera.width), ("height", camera.height), *scale, ("cx", camera.cx), ("cy", camera.cy)]
-    numbers += [("R", camera.R.tolist()), ("t", camera.t.tolist())]
-    if camera.distortion.any():
-        numbers.append(("distortion", camera.distortion.tolist()))
-    return f"camera:\n  type: {camera.kind}\n" + "".join(f"  {name}: {json.dumps(value)}\n" for name, value in numbers)
 
 
 def _number(value: float) -> str:

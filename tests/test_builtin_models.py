@@ -31,6 +31,7 @@ def ends(name: str, **degrees: float) -> tuple[np.ndarray, np.ndarray]:
         ("index_thumb", 6, 6, 2),
         ("two_finger", 6, 6, 2),
         ("full_hand", 21, 15, 5),
+        ("full_hand_coupled", 21, 15, 5),
         ("r", 1, 1, 1),
         ("p", 1, 1, 1),
         ("pr", 2, 1, 1),
@@ -150,6 +151,16 @@ def test_ranges_are_those_of_table_2_1():
     assert np.isfinite(hand.limits).all()
     assert (hand.limits[:, 0] <= 0).all()
     assert (hand.limits[:, 1] >= 0).all(), "the zero pose is allowed"
+
+
+def test_the_coupled_hand_is_the_full_hand_with_a_soft_prior_on_each_dip():
+    hand, coupled = model("full_hand"), model("full_hand_coupled")
+    for field in ("prefix", "limits", "coupling", "link_base", "link_tip", "link_radius"):
+        np.testing.assert_array_equal(getattr(hand, field), getattr(coupled, field))
+    assert hand.soft.shape == (0, 21)
+    assert [c.joint for c in coupled.soft_couplings] == ["little_dip", "ring_dip", "middle_dip", "index_dip"]
+    off = coupled.soft @ pose("full_hand_coupled", ring_pip=60.0, ring_dip=70.0, index_pip=30.0, index_dip=20.0)
+    np.testing.assert_allclose(off, [0, 2, 0, 0], atol=1e-12, err_msg="sigma is 15 degrees")
 
 
 def test_segments_shrink_outwards():

@@ -21,6 +21,7 @@ RUN_FILES = {
     "camera.yaml",
     "covariance.csv",
     "evidence.csv",
+    "information.csv",
     "model.yaml",
     "overlay.mp4",
     "poses.csv",
@@ -28,6 +29,7 @@ RUN_FILES = {
     "run.json",
     "timing.csv",
     "truth.csv",
+    "widths.csv",
 }
 
 

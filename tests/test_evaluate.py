@@ -60,6 +60,7 @@ def make_track(model, q, sigma=0.01, status=None, frame=None):
         q=q,
         sigma=sigmas,
         covariance=sigmas[:, :, None] ** 2 * np.eye(j),
+        information=np.zeros((n, model.free.size, model.free.size)),
         status=np.array(["tracked"] * n if status is None else status, dtype="<U9"),
         confidence=np.ones(n),
         residual=np.ones(n),

@@ -10,8 +10,9 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9][0-9]_*.py"))
 
 
-def test_there_are_five_numbered_examples():
-    assert [example.name[:2] for example in EXAMPLES] == ["01", "02", "03", "04", "05"]
+def test_examples_are_numbered_without_repeats_and_start_with_the_basics():
+    numbers = [example.name[:2] for example in EXAMPLES]
+    assert numbers[:5] == ["01", "02", "03", "04", "05"] and len(set(numbers)) == len(numbers)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)

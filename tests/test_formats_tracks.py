@@ -1,5 +1,6 @@
 """Tables, tracks and whole-or-nothing writing."""
 
+import dataclasses
 import math
 import os
 from pathlib import Path
@@ -12,6 +13,7 @@ from handtrack.formats.tables import check_rising, gap_warnings, integers, numbe
 from handtrack.formats.tracks import read_track, write_track
 from handtrack.formats.truths import read_truth
 from handtrack.formats.writing import folder_written_whole, write_bytes, write_text
+from handtrack.kinematics import Coupling, FrameRow, Model, model_from_rows
 from handtrack.kinematics.builtin import model
 from handtrack.track import Track
 
@@ -76,10 +78,11 @@ def test_gaps_of_over_a_second_are_warned_of(tmp_path):
     assert gap_warnings(t, np.array([0.0])) == ()
 
 
-def track_of(name: str = "two_finger", n: int = 5) -> Track:
+def track_of(name: str | Model = "two_finger", n: int = 5, views: int = 1) -> Track:
     rng = np.random.default_rng(3)
-    hand = model(name)
-    j, links = len(hand.joint_names), hand.link_frame.size
+    hand = model(name) if isinstance(name, str) else name
+    j, k, links = len(hand.joint_names), hand.free.size, hand.link_frame.size
+    known = rng.normal(size=(n, k, k))
     root = 0.02 * rng.normal(size=(n, j, j))
     covariance = root @ np.swapaxes(root, 1, 2)
     return Track(
@@ -89,12 +92,15 @@ def track_of(name: str = "two_finger", n: int = 5) -> Track:
         q=rng.normal(size=(n, j)),
         sigma=np.sqrt(np.einsum("njj->nj", covariance)),
         covariance=covariance,
+        information=1e5 * known @ np.swapaxes(known, 1, 2) * (np.arange(n) < n - 1)[:, None, None],
         status=np.array((["tracked", "uncertain", "lost"] * n)[:n]),
         confidence=rng.uniform(size=n),
         residual=np.append(rng.uniform(size=n - 1), math.nan),
         visible=rng.uniform(size=(n, links)),
         edges=np.append(rng.integers(1, 99, n - 1), 0),
         seconds=rng.uniform(size=n),
+        view_edges=rng.integers(0, 99, (n, views)) if views > 1 else None,
+        view_visible=rng.uniform(size=(n, views, links)) if views > 1 else None,
     )
 
 
@@ -105,8 +111,49 @@ def test_a_track_comes_back_from_its_tables(tmp_path, name):
     again = read_track(tmp_path, model(name))
     assert again.joint_names == track.joint_names
     assert again.status.tolist() == track.status.tolist()
-    for field in ("frame", "time", "q", "sigma", "covariance", "confidence", "residual", "visible", "edges", "seconds"):
+    arrays = [name for name in Track.__slots__ if isinstance(getattr(track, name), np.ndarray) and name != "status"]
+    for field in arrays:
         np.testing.assert_allclose(getattr(again, field), getattr(track, field), rtol=1e-9, atol=1e-15, err_msg=field)
+    assert again.view_edges is None and again.view_visible is None
+
+
+def test_the_evidence_of_each_view_comes_back(tmp_path):
+    track = track_of(views=3)
+    write_track(tmp_path, track)
+    again = read_track(tmp_path)
+    assert track.view_visible is not None and again.view_visible is not None
+    np.testing.assert_array_equal(again.view_edges, track.view_edges)
+    np.testing.assert_allclose(again.view_visible, track.view_visible, rtol=1e-9)
+    np.testing.assert_allclose(again.visible, track.visible, rtol=1e-9)
+    text = (tmp_path / "evidence.csv").read_text()
+    (tmp_path / "evidence.csv").write_text(text.replace("view1_visible_2", "view1_other", 1))
+    with pytest.raises(InputError, match=r"evidence.csv: line 1: column 'view1_visible_2' is missing"):
+        read_track(tmp_path)
+
+
+def test_one_view_has_no_columns_of_its_own(tmp_path):
+    track = track_of()
+    single = dataclasses.replace(track, view_edges=track.edges[:, None], view_visible=track.visible[:, None])
+    write_track(tmp_path, single)
+    assert "view0" not in (tmp_path / "evidence.csv").read_text()
+
+
+def test_information_is_that_of_the_independent_joints_in_one_over_square_degrees(tmp_path):
+    rows = [FrameRow(1, 0, joint="pip"), FrameRow(2, 1, a=1.0, joint="dip"), FrameRow(3, 2, a=1.0, joint="tip")]
+    coupled = model_from_rows("coupled", rows, [Coupling("dip", "pip", 0.67)])
+    track = track_of(coupled)
+    with pytest.raises(ValueError, match="information is 2 x 2; wanted that of the 3 independent joints"):
+        write_track(tmp_path, track)
+    write_track(tmp_path, track, coupled)
+    table = read_table(tmp_path / "information.csv")
+    assert table.names == ("frame", "pip*pip", "pip*tip", "tip*tip")
+    np.testing.assert_allclose(
+        numbers(table, "pip*tip"), track.information[:, 0, 1] * math.radians(1) ** 2, rtol=1e-9, atol=1e-15
+    )
+    for again in (read_track(tmp_path, coupled), read_track(tmp_path)):
+        np.testing.assert_allclose(again.information, track.information, rtol=1e-9, atol=1e-9)
+    (tmp_path / "information.csv").unlink()
+    assert not read_track(tmp_path, coupled).information.any()
 
 
 def test_poses_are_in_degrees_with_the_columns_of_the_format(tmp_path):
@@ -137,12 +184,12 @@ def test_no_table_but_the_timing_depends_on_the_clock(tmp_path):
         (tmp_path / folder).mkdir()
         fields = {name: getattr(track, name) for name in Track.__slots__}
         write_track(tmp_path / folder, Track(**{**fields, "seconds": np.full(5, seconds)}))
-    for name in ("poses.csv", "covariance.csv", "evidence.csv"):
+    for name in ("poses.csv", "covariance.csv", "information.csv", "evidence.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_results_never_hold_nan_or_unknown_words(tmp_path):
-    for field in ("q", "sigma", "covariance"):
+    for field in ("q", "sigma", "covariance", "information"):
         track = track_of()
         getattr(track, field)[1] = math.nan
         with pytest.raises(ValueError, match=f"track: {field} of row 1 is not finite"):
@@ -159,7 +206,7 @@ def test_results_never_hold_nan_or_unknown_words(tmp_path):
 def test_poses_alone_are_enough_to_read_a_track(tmp_path):
     track = track_of()
     write_track(tmp_path, track)
-    for name in ("covariance.csv", "evidence.csv", "timing.csv"):
+    for name in ("covariance.csv", "information.csv", "evidence.csv", "timing.csv"):
         (tmp_path / name).unlink()
     again = read_track(tmp_path)
     np.testing.assert_allclose(again.covariance[0], np.diag(track.sigma[0] ** 2), rtol=1e-8)
@@ -176,6 +223,8 @@ def test_poses_alone_are_enough_to_read_a_track(tmp_path):
         ("poses.csv", "\n3,", "\n2,", "frame: 2 after 2; strictly rising"),
         ("poses.csv", ",tracked,0.", ",tracked,7.", "confidence: a number from 0 to 1"),
         ("covariance.csv", "\n3,", "\n7,", "its frames are not those of poses.csv"),
+        ("information.csv", "\n3,", "\n7,", "its frames are not those of poses.csv"),
+        ("information.csv", "middle_mcp*middle_pip", "x", r"column 'middle_mcp\*middle_pip' is missing"),
         ("covariance.csv", "middle_mcp*middle_pip", "x", r"column 'middle_mcp\*middle_pip' is missing"),
     ],
 )

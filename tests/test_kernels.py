@@ -22,7 +22,7 @@ from handtrack.kinematics import Coupling, FrameRow, forward, model_from_rows, p
 from handtrack.kinematics.builtin import model as builtin_model
 from handtrack.pills import Pills, pose_pills, ray_hits
 from handtrack.profiles import place_outline, sample
-from handtrack.residuals import Chain, OutlineFeatures, Robust, WithPrior, chain, outline_residuals, rows
+from handtrack.residuals import Chain, OutlineFeatures, Robust, WithPrior, chain, in_world, outline_residuals, rows
 from handtrack.scatter import Scatter, Whitened, whitener
 from handtrack.settings import Settings
 from handtrack.solve import solve
@@ -163,7 +163,8 @@ def test_compiled_fit_ends_where_the_solver_does(which, seed):
     n = samplers.link.size
     sigma = rng.uniform(0.05, 0.3, n)
     offset = sigma * rng.normal(size=n) + np.where(rng.random(n) < 0.1, 4.0, 0.0)
-    features = OutlineFeatures(samplers.ray + offset[:, None] * samplers.slope, samplers.slope, samplers.link, sigma)
+    ray, slope = in_world(on.camera, samplers.ray + offset[:, None] * samplers.slope, samplers.slope)
+    features = OutlineFeatures(ray, slope, samplers.link, sigma)
     evidence = rows(on, features, samplers.side)
     white = whitener(sigma, evidence.group, Scatter(1.3, 0.1, np.zeros(2), np.eye(2)))
     start, mean = truth + rng.normal(0, 0.03, low.size), truth + rng.normal(0, 0.03, low.size)

@@ -53,6 +53,7 @@ def make_track(model, n=6, sigma=0.02):
         q=q,
         sigma=sigmas,
         covariance=sigmas[:, :, None] ** 2 * np.eye(q.shape[1]),
+        information=np.zeros((n, model.free.size, model.free.size)),
         status=status,
         confidence=np.linspace(1.0, 0.5, n),
         residual=np.full(n, 0.3),
@@ -437,7 +438,8 @@ def test_share_is_never_rounded_up_to_all():
 
 def test_empty_track_is_refused_and_nothing_written(two_finger, tmp_path):
     model, camera, track = two_finger
-    empty = Track(*(getattr(track, n) if n == "joint_names" else getattr(track, n)[:0] for n in Track.__slots__))
+    arrays = {name: getattr(track, name) for name in Track.__slots__ if isinstance(getattr(track, name), np.ndarray)}
+    empty = dataclasses.replace(track, **{name: values[:0] for name, values in arrays.items()})
     with pytest.raises(ValueError, match="track: has no frames"):
         write_report(tmp_path / "report.html", empty, model, camera, None, None, RUN)
     assert not list(tmp_path.iterdir())

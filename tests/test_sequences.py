@@ -178,11 +178,6 @@ def test_links_that_leave_the_folder_are_warned_of(tmp_path):
     assert "a symbolic link leads out of its folder" in open_sequence(folder).warnings[0]
 
 
-def test_one_list_of_views_is_told_apart(tmp_path):
-    with pytest.raises(InputError, match="several views are given; one is wanted"):
-        open_sequence(clip(tmp_path / "a", frames=["a/*.png", "b/*.png"], camera=[CAMERA, CAMERA]))
-
-
 def test_perspective_cameras_are_read_with_their_distortion(tmp_path):
     entry = {key: value for key, value in CAMERA.items() if key != "scale"}
     entry |= {"type": "perspective", "fx": 20, "fy": 21, "distortion": [-0.1, 0.01, 1e-3, 0, 0]}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack.camera import camera_from_world, orthographic, perspective, project
+from handtrack.camera import orthographic, perspective, project
 from handtrack.consistency import first_consistency
 from handtrack.kinematics import Model, forward, link_ends, pose_from_free
 from handtrack.kinematics.builtin import model as builtin_model
@@ -73,7 +73,9 @@ def changed(model: Model, link: int | None, kind: str, h: float) -> Model:
         return replace(model, link_radius=model.link_radius * (1.0 + h * which)[:, None])
     prefix = model.prefix.copy()
     prefix[np.isin(model.parent, model.link_frame[which]), :3, 3] *= 1.0 + h
-    return replace(model, link_length=model.link_length * (1.0 + h * which), prefix=prefix)
+    longer = 1.0 + h * which
+    tip = model.link_tip * longer[:, None]
+    return replace(model, link_length=model.link_length * longer, link_tip=tip, prefix=prefix)
 
 
 def derivative(on: Chain, residuals, features, u: np.ndarray, link: int | None, kind: str) -> np.ndarray:
@@ -110,10 +112,7 @@ def test_sideways_derivatives_are_those_of_pills_moved_across_by_their_radius(pr
         found = []
         for s in (h, -h):
             shift = s * (np.arange(6) == link)[:, None] * across
-            ends = [
-                camera_from_world(on.camera, end + shift * on.model.link_radius[:, [column]])
-                for column, end in enumerate((base, tip))
-            ]
+            ends = [end + shift * on.model.link_radius[:, [column]] for column, end in enumerate((base, tip))]
             pills = Pills(ends[0], ends[1], on.model.link_radius)
             seen = clearance(pills, features.link, features.ray[:, :3], features.ray[:, 3:])
             spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
@@ -207,10 +206,10 @@ def consistency_after(radius: float, frames: int):
     """What the tracker has learnt of its model after some frames."""
     made = two_finger_crossing(2, frames=frames, size=(320, 240), scale=1.6)
     model = replace(made.model, link_radius=radius * made.model.link_radius)
-    on = chain(model, made.camera)
+    on = (chain(model, made.camera),)
     state, history = begin(on, made.start, 25.0, Settings()), []
     for number, image in enumerate(images(made)):
-        state, _ = step(state, image, on, 0.04 if number else 0.0, Settings())
+        state, _ = step(state, (image,), on, 0.04 if number else 0.0, Settings())
         history.append(state.consistency)
     return history
 

@@ -247,10 +247,10 @@ def test_gaps_in_the_times_are_bridged(filter_):
 
 def test_after_a_longer_gap_the_prediction_is_less_sure():
     scene, pictures = shot(1)
-    on = chain(scene.model, scene.camera)
+    on = (chain(scene.model, scene.camera),)
     state = begin(on, scene.start, 25.0, Settings())
     for number in range(4):
-        state, _ = step(state, pictures[number], on, 0.04 if number else 0.0, Settings())
+        state, _ = step(state, (pictures[number],), on, 0.04 if number else 0.0, Settings())
     spread = [np.diag(predict(state.prediction, dt).motion.covariance) for dt in (0.04, 0.08, 0.4)]
     assert (np.diff(spread, axis=0) > 0.0).all()
 

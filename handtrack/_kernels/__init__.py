@@ -12,6 +12,7 @@ from .geometry import cast_rays as cast_rays
 from .geometry import forward as forward
 from .geometry import hit_pill as hit_pill
 from .geometry import hit_sphere as hit_sphere
+from .pixels import pixel_rows as pixel_rows
 from .placing import place_outline as place_outline
 from .profiles import expect_profiles as expect_profiles
 from .profiles import fill_harmonics as fill_harmonics
@@ -20,4 +21,7 @@ from .profiles import shade as shade
 from .residuals import outline_rows as outline_rows
 from .residuals import soften_rows as soften_rows
 from .residuals import whiten_rows as whiten_rows
-from .pixels import pixel_rows as pixel_rows
+from .width import link_widths as link_widths
+from .width import opposite_edges as opposite_edges
+from .width import profile_widths as profile_widths
+from .soft_image import soft_image as soft_image

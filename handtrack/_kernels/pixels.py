@@ -44,7 +44,7 @@ def shading_slope(c, x, y, z, slope):  # pragma: no cover - compiled
 def pixel_rows(
     ray, link, level, noise, tree, view, shading, gain, r, J, normal, expected
 ):  # pragma: no cover - compiled
-    """Residuals (level - expected) / noise of rays on their links, and Jacobian rows; twin: `refine.pixel_rows_numpy`.
+    """Residuals (level - expected) / noise of rays on their links, and Jacobian rows; twin: `pixels.pixel_rows_numpy`.
 
     A surface point stays on its ray while the link moves with velocity w(x) and turns by omega: it slides by
     dt = (n . w) / (n . d) along the ray, so its normal changes by omega x n + S (d dt - w), where S = P / radius is
@@ -99,7 +99,11 @@ def pixel_rows(
         taper = (radii[k, 0] - radii[k, 1]) / length
         if radii[k, 0] * taper <= along <= length + radii[k, 1] * taper:
             # Around the axis: e = axis x n, normalised; the radius there is that of the touching sphere.
-            e0, e1, e2 = axis[1] * n[2] - axis[2] * n[1], axis[2] * n[0] - axis[0] * n[2], axis[0] * n[1] - axis[1] * n[0]
+            e0, e1, e2 = (
+                axis[1] * n[2] - axis[2] * n[1],
+                axis[2] * n[0] - axis[0] * n[2],
+                axis[0] * n[1] - axis[1] * n[0],
+            )
             size = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
             radius = (radii[k, 0] - taper * along) / (1.0 - taper * taper)
             ge = (g[0] * e0 + g[1] * e1 + g[2] * e2) / (size * size * radius)

@@ -16,8 +16,9 @@ def demo(
     frames: Annotated[int, typer.Option(min=2, help="Number of frames.")] = 60,
 ) -> None:
     """Render two fingers that cross, track them, evaluate the track, and write a page that shows it all."""
-    from ..evaluate import as_text, evaluate
+    from ..evaluate import as_text
     from ..sequences import open_sequence
+    from ..view_errors import evaluate_views
     from .occlusion import make_scene
     from .rendering import write_scene
     from .tracking import make_settings, summary_text, track_into
@@ -29,7 +30,7 @@ def demo(
     sequence = open_sequence(clip)
     track = track_into(run, sequence, make_settings({}))
     if sequence.truth is not None:
-        say(as_text(evaluate(track, sequence.truth, sequence.model, sequence.camera)))
+        say(as_text(evaluate_views(track, sequence.truth, sequence.model, sequence.cameras)[0]))
     text, _ = summary_text(track, run).rsplit("\n", 1)
     say(text)
     say(f"open in a browser: {(run / 'report.html').absolute().as_uri()}")

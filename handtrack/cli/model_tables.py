@@ -1,8 +1,9 @@
-"""A model in, the cells of its table and the lines of its couplings out, in the units of files."""
+"""A model in, the cells of its tables and the lines of its couplings out, in the units of files."""
 
 import math
 
-from ..kinematics import Model
+from ..formats.model_writing import exact_couplings, in_file_units, link_offsets
+from ..kinematics import LinkSigmas, Model
 
 
 def frame_rows(model: Model) -> list[list[object]]:
@@ -22,20 +23,25 @@ def frame_rows(model: Model) -> list[list[object]]:
     return rows
 
 
+def shape_rows(model: Model) -> list[list[object]]:
+    """Id, offsets of both ends, and sigmas of length, radii and offsets, of each pill that has any of them."""
+    rows: list[list[object]] = []
+    for link, frame in enumerate(model.link_frame):
+        base, tip = link_offsets(model, link)
+        known = model.link_sigmas[link]
+        if any(base) or any(tip) or known is not None:
+            sigmas = known or LinkSigmas()
+            spreads = [sigmas.length, list(sigmas.radius), list(sigmas.base_offset), list(sigmas.tip_offset)]
+            rows.append([int(model.frame_ids[frame]), list(base), list(tip), *spreads])
+    return rows
+
+
 def coupling_lines(model: Model) -> list[str]:
-    """One line for each joint that follows others, in the units of files."""
+    """One line for each coupling, in the units of files; soft ones end with their sigma."""
     lines = []
-    slides = {int(j): bool(p) for j, p in zip(model.joint, model.prismatic, strict=True) if j >= 0}
-    for joint in range(len(model.joint_names)):
-        if joint in model.free:
-            continue
-        own = 1.0 if slides[joint] else 180.0 / math.pi
-        terms = []
-        for column, source in enumerate(model.free):
-            ratio = float(model.coupling[joint, column])
-            if ratio:
-                unit = own / (1.0 if slides[int(source)] else 180.0 / math.pi)
-                terms.append(f"{ratio * unit:g} {model.joint_names[int(source)]}")
-        offset = float(model.coupling_offset[joint]) * own
-        lines.append(f"{model.joint_names[joint]} = {' + '.join(terms)}" + (f" + {offset:g}" if offset else ""))
+    for coupling in (*exact_couplings(model), *model.soft_couplings):
+        given = in_file_units(model, coupling)
+        offset = f" + {given.offset:g}" if given.offset else ""
+        sigma = "" if given.sigma is None else f" (sigma {given.sigma:g})"
+        lines.append(f"{given.joint} = {given.ratio:g} {given.of}{offset}{sigma}")
     return lines

@@ -10,6 +10,7 @@ from .console import say, say_json, table
 
 app = typer.Typer(help="List, show and export hand models.", no_args_is_help=False)
 
+_SHAPE = ("length", "radius", "base_offset", "tip_offset")
 _Name = Annotated[str, typer.Argument(help="Name of a built-in model, or a model file.", show_default=False)]
 
 
@@ -32,12 +33,15 @@ def show(
     as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Picture to write: a .png, .svg or .pdf file.")] = None,
 ) -> None:
-    """The frames of a model as a table: parent, joint, limits (degrees; lengths for sliding joints) and pill."""
+    """The frames of a model as a table: parent, joint, limits (degrees; lengths for sliding joints) and pill.
+
+    Below it the pills whose ends are moved or whose shape has a sigma, and the couplings.
+    """
     from ..sequences import find_model
-    from .model_tables import coupling_lines, frame_rows
+    from .model_tables import coupling_lines, frame_rows, shape_rows
 
     model = find_model(name)
-    rows = frame_rows(model)
+    rows, shapes = frame_rows(model), shape_rows(model)
     if plot is not None:
         from .pictures import model_figure, save
 
@@ -45,13 +49,23 @@ def show(
     if as_json:
         keys = ("id", "parent", "joint", "low", "high", "length", "radius_base", "radius_tip")
         frames = [dict(zip(keys, row, strict=True)) for row in rows]
-        say_json({"name": model.name, "units": model.units, "frames": frames, "couplings": coupling_lines(model)})
+        shape_keys = ("id", "base_offset", "tip_offset", *(f"{key}_sigma" for key in _SHAPE))
+        known = [dict(zip(shape_keys, row, strict=True)) for row in shapes]
+        couplings = coupling_lines(model)
+        say_json({"name": model.name, "units": model.units, "frames": frames, "shapes": known, "couplings": couplings})
         return
     say(f"{model.name}: {len(model.joint_names)} joints, {model.link_frame.size} links, lengths in {model.units}")
     header = ["id", "parent", "joint", "low", "high", "length", "radius", "to"]
     say(table(header, [["" if cell is None else cell for cell in row] for row in rows]))
+    if shapes:
+        header = ["id", "base end moved by", "tip end by", "sigma: length", "radii", "base end", "tip end"]
+        say(table(header, [[_short(cell) for cell in row] for row in shapes]))
     for line in coupling_lines(model):
         say(line)
+
+
+def _short(cell: object) -> object:
+    return " ".join(f"{x:.3g}" for x in cell) if isinstance(cell, list) else cell
 
 
 @app.command()

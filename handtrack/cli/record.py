@@ -1,14 +1,17 @@
 """A finished track in, the run folder out; a run folder in, what is needed to evaluate it out.
 
 poses.csv, covariance.csv    what was found (see `handtrack.formats`)
-model.yaml, camera.yaml      what the poses mean
+information.csv, evidence.csv what they rest on
+widths.csv                   how wide each link is
+model.yaml, camera.yaml      what the poses mean; a list of cameras where there are several views
 truth.csv                    a copy of the truth, where the sequence has one
-run.json                     settings, versions, checksums of the input, timings
+run.json                     settings, versions, cameras, checksums of the input, what the images left open, timings
 overlay.mp4, report.html     what to look at
 """
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,18 +20,23 @@ from pathlib import Path
 
 import numpy as np
 
+from ..ambiguity import ambiguity
+from ..ambiguity import as_data as folds_as_data
 from ..camera import Camera
 from ..errors import InputError
-from ..formats.cameras import read_camera
+from ..formats.cameras import camera_entries, read_cameras
 from ..formats.images import ImageFiles
 from ..formats.model_writing import model_text, write_model
 from ..formats.models import read_model
 from ..formats.tracks import read_track, write_track
 from ..formats.truths import read_truth
+from ..formats.widths import write_widths
 from ..formats.writing import folder_written_whole, write_text
 from ..kinematics import Model
+from ..observability import observability
+from ..observability_words import as_data
 from ..report import RunInfo, write_overlay, write_report
-from ..sequences import Sequence, Truth
+from ..sequences import NAME, Frames, Sequence, Truth
 from ..settings import Settings
 from ..track import Track
 from .console import version_of
@@ -45,8 +53,13 @@ class Run:
 
     track: Track
     model: Model
-    camera: Camera
+    cameras: tuple[Camera, ...]
     truth: Truth
+
+    @property
+    def camera(self) -> Camera:
+        """Camera of the first view."""
+        return self.cameras[0]
 
 
 @contextmanager
@@ -82,22 +95,24 @@ def whole_folder(out: Path, marker: str, kind: str) -> Iterator[Path]:
 def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings, seconds: float) -> None:
     """Write every file of a run; `seconds` is what tracking took, image reading included."""
     write_track(folder, track, sequence.model)
+    write_widths(folder / "widths.csv", track, sequence.model)
     write_model(folder / "model.yaml", sequence.model)
-    write_text(folder / "camera.yaml", camera_text(sequence.camera))
+    write_text(folder / "camera.yaml", camera_text(sequence.cameras))
     if sequence.truth is not None:
         write_text(folder / "truth.csv", truth_text(sequence.truth, sequence.model))
     versions, inputs = _versions(), checksums(sequence)
     video = folder / "overlay.mp4"
-    write_overlay(video, sequence.frames, track, sequence.model, sequence.camera, sequence.fps)
+    write_overlay(video, sequence, track, sequence.model, sequence.cameras, sequence.fps)
     info = RunInfo(
-        title=title(sequence.path),
+        title=title(sequence),
         fps=sequence.fps,
         settings=tuple((name, str(value)) for name, value in asdict(settings).items()),
         versions=versions,
         inputs=tuple((name, digest[:16]) for name, digest in inputs),
         warnings=sequence.warnings,
+        views=sequence.names,
     )
-    write_report(folder / "report.html", track, sequence.model, sequence.camera, video, sequence.truth, info)
+    write_report(folder / "report.html", track, sequence.model, sequence.cameras, video, sequence.truth, info)
     record = {
         "format": FORMAT,
         "sequence": info.title,
@@ -106,9 +121,18 @@ def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings
         "start": {} if sequence.start is None else degrees(sequence.model, sequence.start),
         "settings": asdict(settings),
         "versions": dict(versions),
+        "views": [
+            {"name": name, "camera": dict(camera_entries(camera))}
+            for name, camera in zip(sequence.names, sequence.cameras, strict=True)
+        ],
+        "input": [os.path.relpath(path, folder) for path in sources(sequence)],
         "inputs": dict(inputs),
         "warnings": list(sequence.warnings),
         "status": {name: int(np.sum(track.status == name)) for name in ("tracked", "uncertain", "lost")},
+        "observability": {
+            **as_data(observability(track, sequence.model)),
+            "folds": folds_as_data(ambiguity(track, sequence.model)),
+        },
         "timings": {
             "tracking_seconds": round(seconds, 3),
             "first_frame_ms": round(1000.0 * float(track.seconds[0]), 3),
@@ -132,28 +156,37 @@ def open_run(folder: Path, truth: Path | None) -> Run:
     if truth is None and not table.is_file():
         raise InputError(f"{folder}: the sequence had no truth; give a table with --truth")
     model = read_model(folder / "model.yaml")
-    camera = read_camera(folder / "camera.yaml")
+    cameras = read_cameras(folder / "camera.yaml")
     known, _ = read_truth(table, model)
-    return Run(read_track(folder, model), model, camera, known)
+    return Run(read_track(folder, model), model, cameras, known)
 
 
-def title(path: Path) -> str:
-    """What a sequence is called: its folder, or the name of its video.
+def title(sequence: Sequence) -> str:
+    """What a sequence is called: its folder, or the names of its videos."""
+    if sequence.path.name == NAME:
+        return sequence.path.absolute().parent.name
+    return sequence.path.absolute().name if len(sequence.views) == 1 else ", ".join(sequence.names)
 
-    >>> title(Path("clips/pinch/sequence.yaml")), title(Path("clips/pinch.mp4"))
-    ('pinch', 'pinch.mp4')
-    """
-    return path.absolute().parent.name if path.name == "sequence.yaml" else path.absolute().name
+
+def sources(sequence: Sequence) -> tuple[Path, ...]:
+    """The sequence file; or the image folder or video of each view."""
+    if sequence.path.name == NAME or len(sequence.views) == 1:
+        return (sequence.path,)
+    return tuple(view.paths[0].parent if isinstance(view, ImageFiles) else view.path for view in sequence.views)
 
 
 def checksums(sequence: Sequence) -> tuple[tuple[str, str], ...]:
-    """Name and SHA-256 of the files the run was made from; the images count as one, in their order."""
-    images = sequence.frames.paths if isinstance(sequence.frames, ImageFiles) else (sequence.frames.path,)
-    found = [("frames", _digest(images))]
-    if sequence.path.name == "sequence.yaml":
+    """Name and SHA-256 of the files the run was made from; the images of a view count as one, in their order."""
+    several = len(sequence.views) > 1
+    found = [(f"frames[{i}]" if several else "frames", _digest(_files(view))) for i, view in enumerate(sequence.views)]
+    if sequence.path.name == NAME:
         found.append((sequence.path.name, _digest((sequence.path,))))
     model = hashlib.sha256(model_text(sequence.model).encode()).hexdigest()
     return (*found, ("model", model))
+
+
+def _files(view: Frames) -> tuple[Path, ...]:
+    return view.paths if isinstance(view, ImageFiles) else (view.path,)
 
 
 def _versions() -> tuple[tuple[str, str], ...]:

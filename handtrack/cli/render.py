@@ -18,6 +18,9 @@ def render(
     model: Annotated[str | None, typer.Option(help="Built-in model or model file, for `--scene random`.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Decides motion and noise.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Number of frames.")] = 60,
+    views: Annotated[
+        int, typer.Option(min=1, max=5, help="Number of cameras; each further one is turned by 60 degrees.")
+    ] = 1,
     noise: Annotated[float | None, typer.Option(min=0.0, help="Standard deviation of the noise, grey levels.")] = None,
     vignette: Annotated[
         float | None, typer.Option(min=0.0, max=1.0, help="Share of the light lost in the corners.")
@@ -29,10 +32,10 @@ def render(
     colour: Annotated[bool, typer.Option("--colour", help="Colour instead of grey.")] = False,
     video: Annotated[bool, typer.Option("--video", help="A video file (lossy) instead of PNG images.")] = False,
 ) -> None:
-    """Render a sequence: images, model, camera, start pose and true joint values."""
+    """Render a sequence: images, model, cameras, start pose and true joint values."""
     from .rendering import build, dressed, write_scene
 
-    made = dressed(build(scene, model, seed, frames), noise, vignette, background, mode, colour)
-    with progress("rendering", frames) as done:
+    made = dressed(build(scene, model, seed, frames, views), noise, vignette, background, mode, colour)
+    with progress("rendering", frames * views) as done:
         write_scene(out, made, done, video)
     say(str(out / "sequence.yaml"))

@@ -6,6 +6,7 @@ from pathlib import Path
 from synth.scenes import Scene, scene
 from synth.sequence import fill_sequence
 from synth.shading import Mode
+from synth.views import with_views
 
 from ..errors import InputError
 from ..formats.images import read_image
@@ -14,11 +15,11 @@ from .console import Done
 from .record import whole_folder
 
 
-def build(name: str, model: str | None, seed: int, frames: int) -> Scene:
-    """The scene of that name; `random` moves any model within its limits."""
+def build(name: str, model: str | None, seed: int, frames: int, views: int = 1) -> Scene:
+    """The scene of that name, seen by so many cameras; `random` moves any model within its limits."""
     if (name == "random") != (model is not None):
         raise InputError("--model: goes with `--scene random`, which needs it")
-    return scene(name, seed, find_model(model) if model is not None else None, frames=frames)
+    return with_views(scene(name, seed, find_model(model) if model is not None else None, frames=frames), views)
 
 
 def dressed(

@@ -76,6 +76,70 @@ def two_finger_occlusion(
     )
 
 
+@app.command("edge-methods")
+def edge_methods(
+    motions: Annotated[int, typer.Option(help="Number of seeded motions of each scene.")] = 3,
+    first_seed: Annotated[int, typer.Option(help="Seed of the first motion; the others follow.")] = 0,
+    frames: Annotated[int, typer.Option(help="Frames of each motion.")] = 60,
+    as_json: _Json = False,
+    plot: _Plot = None,
+) -> None:
+    """Appendix D of the hand thesis: every edge method on the same sequences, beside templates."""
+    from .edge_methods import ROWS, VARIANTS, as_data, as_text, make_motions, run
+
+    for name, value, least in (("motions", motions, 1), ("frames", frames, 2), ("first-seed", first_seed, 0)):
+        if value < least:
+            raise InputError(f"--{name}: {value} given; at least {least} was wanted")
+    if plot is not None:  # first: a wrong name is told before minutes of work
+        from .edge_pictures import criterion_figure
+        from .pictures import save
+
+        shown = min(5, frames - 1)
+        save(criterion_figure(make_motions("crossing", 1, first_seed, shown + 1)[0], shown), plot)
+    with progress("methods", len(VARIANTS) * ROWS) as done:
+        results = run(motions, first_seed, frames, done)
+    if as_json:
+        say_json(as_data(results, motions))
+    else:
+        say(as_text(results, motions))
+
+
+@app.command("full-hand")
+def full_hand(
+    motions: Annotated[int, typer.Option(help="Number of seeded motions.")] = 3,
+    views: Annotated[int, typer.Option(help="Track with one camera, and beside it with this many.")] = 2,
+    first_seed: Annotated[int, typer.Option(help="Seed of the first motion; the others follow.")] = 0,
+    frames: Annotated[int, typer.Option(help="Frames of each motion.")] = 60,
+    refine: Annotated[bool, typer.Option("--refine", help="Edges and grey levels in one solve.")] = False,
+    as_json: _Json = False,
+    plot: _Plot = None,
+) -> None:
+    """Section 6.2.2 of the hand thesis: 21 joints, spreading and graded flexion, tilted by 45 degrees."""
+    from ..reproduce.full_hand import as_data, rows, summary
+    from ..settings import Settings
+    from .full_hand import figure, track_hands
+
+    for name, value, least in (("motions", motions, 1), ("frames", frames, 3), ("first-seed", first_seed, 0)):
+        if value < least:
+            raise InputError(f"--{name}: {value} given; at least {least} was wanted")
+    if not 1 <= views <= 5:
+        raise InputError(f"--views: {views} given; 1 to 5 was wanted")
+    results = []
+    for count in sorted({1, views}):
+        with progress(f"motions, {count} view{'s' if count > 1 else ''}", motions) as done:
+            results.append(track_hands(motions, count, Settings(refine=refine), first_seed, frames, done))
+    if plot is not None:
+        from .pictures import save
+
+        save(figure(results), plot)
+    if as_json:
+        say_json(as_data(results))
+        return
+    say(table(*rows(results)))
+    for result in results:
+        say("\n" + "\n".join(summary(result)))
+
+
 def result_share(facts: dict[str, object]) -> float:
     """Share of frames inside the band."""
     return float(facts["nees_frames_in_band"])  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""`handtrack track`: a sequence, image folder or video in, a run folder out."""
+"""`handtrack track`: a sequence, image folders or videos in, a run folder out."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,21 +8,27 @@ import typer
 from .console import say, say_json
 
 Residuals = Literal["outline", "lines"]
+Edges = Literal["wssd", "difference", "gaussian", "width", "width-compensated", "plls", "mwplls", "mwplls-iterative"]
 Solver = Literal["levenberg-marquardt", "gauss-newton", "gauss-newton-one", "damped", "trust-region"]
 
 
 def track(
-    source: Annotated[
-        Path,
+    sources: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="INPUT", help="Folder with sequence.yaml, folder of images, or video.", show_default=False
+            metavar="INPUT...",
+            help="Folder with sequence.yaml; or a folder of images or a video for each view.",
+            show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write; an earlier run there is replaced.", show_default=False)],
     model: Annotated[
         str | None, typer.Option(help="Built-in model or model file; for images and videos, or instead.")
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="File with `camera: {...}`, for images and videos.")] = None,
+    camera: Annotated[
+        list[Path] | None,
+        typer.Option(help="File with `camera: {...}`, for images and videos; once for each view, in their order."),
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(help="Pose of the first frame in degrees: a file with `start: {...}`, or '{joint: value, ...}'."),
@@ -31,6 +37,15 @@ def track(
     residuals: Annotated[
         Residuals, typer.Option(help="Edge points against the outline, or the thesis's lines.")
     ] = "outline",
+    edges: Annotated[
+        Edges, typer.Option(help="How edges are found: against expected profiles, or as in the thesis's appendix D.")
+    ] = "wssd",
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Align with the grey levels of the surface too: slower, more accurate.")
+    ] = False,
+    hypotheses: Annotated[
+        bool, typer.Option(help="Keep the other side of a link that may be folded either way, until images decide.")
+    ] = True,
     solver: Annotated[Solver, typer.Option(help="How a pose is found.")] = "levenberg-marquardt",
     templates: Annotated[Literal["rendered", "first"], typer.Option(help="Where templates come from.")] = "rendered",
     visibility: Annotated[Literal["rays", "polygons"], typer.Option(help="How hidden samples are found.")] = "rays",
@@ -51,6 +66,9 @@ def track(
 
     chosen = {
         "residuals": residuals,
+        "edges": edges,
+        "refine": refine,
+        "hypotheses": hypotheses,
         "solver": solver,
         "templates": templates,
         "visibility": visibility,
@@ -60,7 +78,7 @@ def track(
         "passes": passes,
     }
     settings = make_settings({name: value for name, value in chosen.items() if value is not None})
-    sequence = open_input(source, model, camera, start, fps)
+    sequence = open_input(sources, model, camera or [], start, fps)
     result = track_into(out, sequence, settings)
     if as_json:
         say_json(summary(result, out))

@@ -23,20 +23,27 @@ def make_settings(chosen: dict[str, object]) -> Settings:
         raise InputError(f"--{refused}") from refused
 
 
-def open_input(source: Path, model: str | None, camera: Path | None, start: str | None, fps: float | None) -> Sequence:
-    """The sequence that the arguments describe, with a start pose."""
+def open_input(
+    sources: list[Path], model: str | None, cameras: list[Path], start: str | None, fps: float | None
+) -> Sequence:
+    """The sequence that the arguments describe, with a start pose; several sources are as many views."""
     pose = None if start is None else parse_start(start)
-    if source.name == NAME or (source / NAME).exists() or (source.is_dir() and model is None and camera is None):
-        for name, value in (("--camera", camera), ("--fps", fps)):
+    source = sources[0]
+    whole = next((one for one in sources if one.name == NAME or (one / NAME).exists()), None)
+    if len(sources) > 1 and whole is not None:
+        raise InputError(f"{whole}: is a sequence, which names all its views itself; one input was wanted")
+    if whole is not None or (len(sources) == 1 and source.is_dir() and model is None and not cameras):
+        for name, value in (("--camera", cameras or None), ("--fps", fps)):
             if value is not None:
                 raise InputError(f"{name}: {source} is a sequence and has its own; it is for image folders and videos")
         sequence = open_sequence(source, model, pose)
     else:
-        if not source.exists():
-            raise InputError(f"{source}: no such file or folder")
-        if model is None or camera is None:
+        missing = next((one for one in sources if not one.exists()), None)
+        if missing is not None:
+            raise InputError(f"{missing}: no such file or folder")
+        if model is None or not cameras:
             raise InputError(f"{source}: has no {NAME}; --model and --camera were wanted with it")
-        sequence = open_images(source, model, camera, pose, fps)
+        sequence = open_images(sources, model, cameras, pose, fps)
     for line in sequence.warnings:
         warning(line)
     if sequence.start is None:
@@ -60,15 +67,15 @@ def track_into(out: Path, sequence: Sequence, settings: Settings) -> Track:
         raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
     with whole_folder(out, RUN_FILE, "run") as folder:
         begun = perf_counter()
-        with progress("tracking", len(sequence.frames)) as done:
+        with progress("tracking", len(sequence)) as done:
             result = track(
-                sequence.frames,
+                sequence,
                 sequence.model,
-                sequence.camera,
+                sequence.cameras,
                 sequence.start,
                 fps=sequence.fps,
                 settings=settings,
-                times=sequence.frames.times,
+                times=sequence.times,
                 progress=done,
             )
         seconds = perf_counter() - begun

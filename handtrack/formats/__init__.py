@@ -1,6 +1,7 @@
 """Files in and out: model and camera files, images, videos, tables and tracks."""
 
 from .cameras import read_camera as read_camera
+from .cameras import read_cameras as read_cameras
 from .model_writing import write_model as write_model
 from .models import read_model as read_model
 from .tracks import read_track as read_track

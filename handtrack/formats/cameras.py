@@ -1,22 +1,24 @@
-"""The `camera:` part of a file in, a checked camera out.
+"""The `camera:` part of a file in, a checked camera out; and back. It is a list where there are several views.
 
 Checked: `R` is a rotation (`R R^T = I` within 1e-6, determinant +1), sizes and scales are positive, and the distortion
 does not fold the picture: on the straight way from the principal point to every point of the image border, the area
 factor of OpenCV's `k1 k2 p1 p2 k3` (the determinant of its derivative) stays positive.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field, PositiveFloat
+from pydantic import Discriminator, Field, PositiveFloat, Tag
 
 from ..camera import Camera, distort, orthographic, perspective
 from ..errors import InputError
 from .yaml_files import Document, Place, Strict, at, read_yaml, validate
 
 ROTATION_TOLERANCE = 1e-6
+MOST_VIEWS = 64
 
 _Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Size = Annotated[int, Field(gt=0, le=100_000)]
@@ -50,13 +52,34 @@ class PerspectiveFile(_Common):
 CameraFile = Annotated[OrthographicFile | PerspectiveFile, Field(discriminator="type")]
 
 
+OneOrMoreCameras = Annotated[
+    Annotated[CameraFile, Tag("one")]
+    | Annotated[list[CameraFile], Field(min_length=1, max_length=MOST_VIEWS), Tag("list")],
+    Discriminator(lambda value: "list" if isinstance(value, list) else "one"),
+]
+
+
 class _CameraAlone(Strict):
-    camera: CameraFile
+    camera: OneOrMoreCameras
     format: Literal["handtrack/camera-1"] = "handtrack/camera-1"
 
 
 def read_camera(path: Path | str) -> Camera:
-    """A camera from a file of its own, `camera: {...}`, or from the `camera` of a sequence file.
+    """The one camera of a file; see `read_cameras`.
+
+    Raises
+    ------
+    InputError
+        For a file that is not such a file, has several cameras, or one that cannot be.
+    """
+    first, *others = read_cameras(path)
+    if others:
+        raise InputError(f"{path}: camera: has {1 + len(others)} cameras; one is wanted here")
+    return first
+
+
+def read_cameras(path: Path | str) -> tuple[Camera, ...]:
+    """Cameras from a file of their own, `camera: {...}` or `camera: [{...}, ...]`, or from those of a sequence file.
 
     Raises
     ------
@@ -67,7 +90,16 @@ def read_camera(path: Path | str) -> Camera:
     if isinstance(document.data, dict) and document.data.get("format") == "handtrack/sequence-1":
         only: dict[str, Any] = {"camera": document.data["camera"]} if "camera" in document.data else {}
         document = Document(document.path, only, document.root)
-    return camera_from_file(validate(document, _CameraAlone).camera, document, ("camera",))
+    return cameras_from_file(validate(document, _CameraAlone).camera, document)
+
+
+def cameras_from_file(
+    entry: OrthographicFile | PerspectiveFile | list[OrthographicFile | PerspectiveFile], document: Document
+) -> tuple[Camera, ...]:
+    """The camera, or cameras, of a validated `camera:` at the top of a document."""
+    if isinstance(entry, list):
+        return tuple(camera_from_file(one, document, ("camera", number)) for number, one in enumerate(entry))
+    return (camera_from_file(entry, document, ("camera",)),)
 
 
 def camera_from_file(entry: OrthographicFile | PerspectiveFile, document: Document, place: Place) -> Camera:
@@ -91,6 +123,43 @@ def camera_from_file(entry: OrthographicFile | PerspectiveFile, document: Docume
             "coefficients that stay one-to-one are wanted"
         )
     return camera
+
+
+def cameras_text(cameras: Sequence[Camera]) -> str:
+    """The `camera:` part of a file: keys for one camera, a list for several; it reads back to the last digit.
+
+    >>> from handtrack.camera import orthographic
+    >>> print(cameras_text([orthographic(64, 48, 2.0, 32.0, 24.0, np.eye(3), np.zeros(3))]))
+    camera:
+      type: orthographic
+      width: 64
+      height: 48
+      scale: 2.0
+      cx: 32.0
+      cy: 24.0
+      R: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+      t: [0.0, 0.0, 0.0]
+    <BLANKLINE>
+    """
+    if len(cameras) == 1:
+        return "camera:\n" + "".join(f"  {name}: {value}\n" for name, value in camera_entries(cameras[0]))
+    lines = [
+        f"  {'  ' if row else '- '}{name}: {value}\n"
+        for camera in cameras
+        for row, (name, value) in enumerate(camera_entries(camera))
+    ]
+    return "camera:\n" + "".join(lines)
+
+
+def camera_entries(camera: Camera) -> tuple[tuple[str, object], ...]:
+    """Keys and plain values of a camera, as a file has them."""
+    parallel = camera.kind == "orthographic"
+    entries: list[tuple[str, object]] = [("type", camera.kind), ("width", camera.width), ("height", camera.height)]
+    entries += [("scale", float(camera.fx))] if parallel else [("fx", float(camera.fx)), ("fy", float(camera.fy))]
+    entries += [("cx", float(camera.cx)), ("cy", float(camera.cy)), ("R", camera.R.tolist()), ("t", camera.t.tolist())]
+    if camera.distortion.any():
+        entries.append(("distortion", camera.distortion.tolist()))
+    return tuple(entries)
 
 
 def folds(camera: Camera, steps: int = 64, samples: int = 33) -> bool:

@@ -7,12 +7,14 @@ A model keeps one constant transform for each frame; its Denavit-Hartenberg para
 
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from ..kinematics.tree import Model, link_transform
+from ..kinematics.couplings import Coupling
+from ..kinematics.tree import LinkSigmas, Model, link_transform
 from .writing import write_text
 
 TOLERANCE = 1e-13  # of a transform read back, against its own size
@@ -21,8 +23,9 @@ TOLERANCE = 1e-13  # of a transform read back, against its own size
 def write_model(path: Path | str, model: Model) -> None:
     """Write a model file, whole or not at all.
 
-    The tree, names, units, lengths and radii come back bit for bit, transforms and limits to rounding (1e-13): angles
-    pass through degrees. A coupling of a coupling comes back as one on the independent joint, the same map.
+    The tree, names, units, lengths, radii, offset ends and their sigmas come back bit for bit, transforms, limits and
+    couplings to rounding (1e-13): angles pass through degrees. A coupling of a coupling comes back as one on the
+    independent joint, the same map; soft couplings come back as they were given.
 
     Raises
     ------
@@ -41,9 +44,9 @@ def model_text(model: Model) -> str:
         "frames:",
         *(f"  - {_frame_text(model, i)}" for i in range(model.parent.size)),
     ]
-    coupled = [i for i in range(len(model.joint_names)) if i not in model.free]
-    if coupled:
-        lines += ["couplings:", *(f"  - {_coupling_text(model, joint)}" for joint in coupled)]
+    couplings = [*exact_couplings(model), *model.soft_couplings]
+    if couplings:
+        lines += ["couplings:", *(f"  - {_coupling_text(model, coupling)}" for coupling in couplings)]
     return "\n".join(lines) + "\n"
 
 
@@ -103,10 +106,45 @@ def _frame_text(model: Model, i: int) -> str:
             theta = _joint_text(model, joint, theta, slides=False)
         parts += [f"alpha: {alpha}", f"a: {a}", f"d: {d}", f"theta: {theta}"]
     for link in np.flatnonzero(model.link_frame == i):
-        base, tip = (number(x) for x in model.link_radius[link])
-        radius = base if base == tip else f"[{base}, {tip}]"
-        parts.append(f"link: {{length: {number(model.link_length[link])}, radius: {radius}}}")
+        parts.append(f"link: {_link_text(model, int(link))}")
     return "{" + ", ".join(parts) + "}"
+
+
+def _link_text(model: Model, link: int) -> str:
+    """A pill; offsets and sigmas only where there are any."""
+    length = float(model.link_length[link])
+    parts = [f"length: {number(length)}", f"radius: {_radius_text(model.link_radius[link])}"]
+    base, tip = link_offsets(model, link)
+    parts += [f"base_offset: {_list(base)}"] if any(base) else []
+    parts += [f"tip_offset: {_list(tip)}"] if any(tip) else []
+    sigmas = model.link_sigmas[link]
+    return "{" + ", ".join(parts + ([] if sigmas is None else [f"sigmas: {_sigmas_text(sigmas)}"])) + "}"
+
+
+def link_offsets(model: Model, link: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """What is added to the ends (0, 0, 0) and (length, 0, 0) of a link, in the form that gives the same ends again."""
+    length, tip = float(model.link_length[link]), [float(x) for x in model.link_tip[link]]
+    along = tip[0] - length
+    short = round(along, 12)  # 0.1 rather than 0.10000000000000142
+    base = [float(x) for x in model.link_base[link]]
+    return (base[0], base[1], base[2]), (short if length + short == tip[0] else along, tip[1], tip[2])
+
+
+def _sigmas_text(sigmas: LinkSigmas) -> str:
+    parts = [f"length: {number(sigmas.length)}"] if sigmas.length else []
+    parts += [f"radius: {_radius_text(sigmas.radius)}"] if any(sigmas.radius) else []
+    parts += [f"base_offset: {_list(sigmas.base_offset)}"] if any(sigmas.base_offset) else []
+    parts += [f"tip_offset: {_list(sigmas.tip_offset)}"] if any(sigmas.tip_offset) else []
+    return "{" + ", ".join(parts) + "}"
+
+
+def _radius_text(radius: Iterable[float]) -> str:
+    base, tip = (number(x) for x in radius)
+    return base if base == tip else f"[{base}, {tip}]"
+
+
+def _list(values: Iterable[float]) -> str:
+    return "[" + ", ".join(number(x) for x in values) + "]"
 
 
 def _joint_text(model: Model, joint: int, offset: str, slides: bool) -> str:
@@ -120,15 +158,32 @@ def _joint_text(model: Model, joint: int, offset: str, slides: bool) -> str:
     return "{" + ", ".join(parts) + "}"
 
 
-def _coupling_text(model: Model, joint: int) -> str:
-    """The one independent joint that this joint follows, in file units."""
-    slides = np.zeros(len(model.joint_names), dtype=bool)
-    slides[model.joint[model.joint >= 0]] = model.prismatic[model.joint >= 0]
-    column = int(np.argmax(model.coupling[joint] != 0))
-    of = int(model.free[column])
-    ratio, offset = float(model.coupling[joint, column]), float(model.coupling_offset[joint])
-    if slides[joint] != slides[of]:
-        ratio *= math.radians(1.0) if slides[joint] else math.degrees(1.0)
-    offset = offset if slides[joint] else _degrees(offset)
-    parts = [f"joint: {model.joint_names[joint]}", f"of: {model.joint_names[of]}", f"ratio: {number(_neat(ratio))}"]
-    return "{" + ", ".join(parts + ([f"offset: {number(offset)}"] if offset else [])) + "}"
+def exact_couplings(model: Model) -> tuple[Coupling, ...]:
+    """The one independent joint that each dependent joint follows, in radians and model units."""
+    found = []
+    for joint, name in enumerate(model.joint_names):
+        if joint not in model.free:
+            column = int(np.argmax(model.coupling[joint] != 0))
+            of = model.joint_names[int(model.free[column])]
+            ratio, offset = float(model.coupling[joint, column]), float(model.coupling_offset[joint])
+            found.append(Coupling(name, of, ratio, offset))
+    return tuple(found)
+
+
+def in_file_units(model: Model, coupling: Coupling) -> Coupling:
+    """A coupling in degrees and model units."""
+    slides = {model.joint_names[joint]: bool(model.prismatic[i]) for i, joint in enumerate(model.joint) if joint >= 0}
+    ratio, offset, sigma = coupling.ratio, coupling.offset, coupling.sigma
+    if slides[coupling.joint] != slides[coupling.of]:
+        ratio *= math.radians(1.0) if slides[coupling.joint] else math.degrees(1.0)
+    if not slides[coupling.joint]:
+        offset, sigma = _degrees(offset), None if sigma is None else _degrees(sigma)
+    return Coupling(coupling.joint, coupling.of, _neat(ratio), offset, sigma)
+
+
+def _coupling_text(model: Model, coupling: Coupling) -> str:
+    given = in_file_units(model, coupling)
+    parts = [f"joint: {given.joint}", f"of: {given.of}", f"ratio: {number(given.ratio)}"]
+    parts += [f"offset: {number(given.offset)}"] if given.offset else []
+    parts += [f"sigma: {number(given.sigma)}"] if given.sigma is not None else []
+    return "{" + ", ".join(parts) + "}"

@@ -1,21 +1,23 @@
 """`model.yaml` in, a model out (`format: handtrack/model-1`).
 
 Rows of modified Denavit-Hartenberg tables, hand thesis eq. (2.1): `alpha a d theta` in degrees and model units, where
-`theta` (revolute) or `d` (prismatic) may be a joint; or a fixed 4x4 `transform` instead. Angles become radians here.
+`theta` (revolute) or `d` (prismatic) may be a joint; or a fixed 4x4 `transform` instead. Angles become radians here. A
+link's pill may have its ends moved off the x axis, and standard deviations; a coupling with sigma is a soft prior.
 """
 
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, PositiveFloat, Tag
+from pydantic import Discriminator, Field, NonNegativeFloat, PositiveFloat, Tag
 
 from ..errors import InputError
 from ..kinematics.couplings import Coupling
-from ..kinematics.tree import FrameRow, Model, model_from_rows
+from ..kinematics.tree import FrameRow, LinkSigmas, Model, model_from_rows
 from .yaml_files import Document, Strict, at, read_yaml, shorten, validate
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -35,15 +37,36 @@ class JointFile(Strict):
     limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
 
+_form_of_radius = Discriminator(lambda value: "list" if isinstance(value, list) else "number")
+_Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Spread = Annotated[list[NonNegativeFloat], Field(min_length=3, max_length=3)]
+
+
+class SigmasFile(Strict):
+    """Standard deviations of a link's shape; 0 where it is not given."""
+
+    length: NonNegativeFloat = 0.0
+    radius: Annotated[
+        Annotated[NonNegativeFloat, Tag("number")]
+        | Annotated[list[NonNegativeFloat], Field(min_length=2, max_length=2), Tag("list")],
+        _form_of_radius,
+    ] = 0.0
+    base_offset: _Spread = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    tip_offset: _Spread = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
 class LinkFile(Strict):
-    """A pill along the x axis of its frame."""
+    """A pill along the x axis of its frame; the offsets move the centres of its two ends, in the frame's axes."""
 
     length: PositiveFloat
     radius: Annotated[
         Annotated[PositiveFloat, Tag("number")]
         | Annotated[list[PositiveFloat], Field(min_length=2, max_length=2), Tag("list")],
-        Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
+        _form_of_radius,
     ]
+    base_offset: _Triple | None = None
+    tip_offset: _Triple | None = None
+    sigmas: SigmasFile | None = None
 
 
 _Variable = Annotated[
@@ -67,12 +90,13 @@ class FrameFile(Strict):
 
 
 class CouplingFile(Strict):
-    """`joint = ratio * of + offset`, in the file's units."""
+    """`joint = ratio * of + offset`, in the file's units: exactly, or with the standard deviation sigma."""
 
     joint: str
     of: str
     ratio: float
     offset: float = 0.0
+    sigma: PositiveFloat | None = None
 
 
 class ModelFile(Strict):
@@ -93,8 +117,8 @@ def read_model(path: Path | str) -> Model:
     InputError
         In one line with file, line, place and what was wanted: for a file that is not of this format; ids given twice,
         parents that do not exist, cycles, no joint; joint names that are no words or not unique; lengths and radii
-        that are not positive; limits that are not low < high; transforms that are not rigid; couplings that name no
-        joint or circle.
+        that are not positive; offset ends of which one swallows the other; limits that are not low < high; transforms
+        that are not rigid; couplings that name no joint or circle.
     """
     return model_from_document(read_yaml(Path(path)))
 
@@ -143,23 +167,50 @@ def _check_tree(document: Document, frames: Sequence[FrameFile]) -> None:
 
 
 def _row(document: Document, i: int, frame: FrameFile) -> FrameRow:
+    row = _bare_row(document, i, frame)
+    return row if frame.link is None else _with_link(document, ("frames", i, "link"), frame.link, row)
+
+
+def _with_link(document: Document, place: tuple[str | int, ...], link: LinkFile, row: FrameRow) -> FrameRow:
+    """The row with its pill."""
+    radius, base, tip = _pair(link.radius), link.base_offset, link.tip_offset
+    if base is not None or tip is not None:
+        apart = math.dist(base or (0.0, 0.0, 0.0), np.add((link.length, 0.0, 0.0), tip or (0.0, 0.0, 0.0)))
+        if not apart > abs(radius[0] - radius[1]):
+            raise InputError(
+                f"{at(document, place)} its ends are {apart:g} apart with radii {radius[0]:g} and {radius[1]:g}: "
+                "one swallows the other; offsets that leave them further apart are wanted"
+            )
+    given = link.sigmas
+    sigmas = None
+    if given is not None:
+        sigmas = LinkSigmas(given.length, _pair(given.radius), _triple(given.base_offset), _triple(given.tip_offset))
+    return replace(
+        row,
+        link_length=link.length,
+        link_radius=radius,
+        link_base_offset=None if base is None else _triple(base),
+        link_tip_offset=None if tip is None else _triple(tip),
+        link_sigmas=sigmas,
+    )
+
+
+def _pair(given: float | list[float]) -> tuple[float, float]:
+    return (given[0], given[1]) if isinstance(given, list) else (given, given)
+
+
+def _triple(given: list[float]) -> tuple[float, float, float]:
+    return given[0], given[1], given[2]
+
+
+def _bare_row(document: Document, i: int, frame: FrameFile) -> FrameRow:
+    """The row without its pill."""
     place = ("frames", i)
-    length = None if frame.link is None else frame.link.length
-    radius = None
-    if frame.link is not None:
-        given = frame.link.radius
-        radius = (given[0], given[1]) if isinstance(given, list) else (given, given)
     if frame.transform is not None:
         extra = [key for key in ("alpha", "a", "d", "theta") if getattr(frame, key) is not None]
         if extra:
             raise InputError(f"{at(document, place)} has `transform` and `{extra[0]}`; one or the other is wanted")
-        return FrameRow(
-            frame.id,
-            frame.parent,
-            transform=_rigid(document, i, frame.transform),
-            link_length=length,
-            link_radius=radius,
-        )
+        return FrameRow(frame.id, frame.parent, transform=_rigid(document, i, frame.transform))
     missing = [key for key in ("alpha", "a", "d", "theta") if getattr(frame, key) is None]
     if missing:
         raise InputError(
@@ -185,8 +236,6 @@ def _row(document: Document, i: int, frame: FrameFile) -> FrameRow:
         joint=None if moving is None else moving.joint,
         prismatic=prismatic,
         limits=limits,
-        link_length=length,
-        link_radius=radius,
     )
 
 
@@ -236,5 +285,6 @@ def _coupling(document: Document, i: int, entry: CouplingFile, prismatic: dict[s
         if prismatic[entry.joint] == prismatic[entry.of]
         else entry.ratio * unit[entry.joint] / unit[entry.of]
     )
-    offset = entry.offset if prismatic[entry.joint] else math.radians(entry.offset)
-    return Coupling(entry.joint, entry.of, ratio, offset)
+    own = unit[entry.joint]
+    sigma = None if entry.sigma is None else entry.sigma * own
+    return Coupling(entry.joint, entry.of, ratio, entry.offset * own, sigma)

@@ -2,7 +2,10 @@
 
 * `poses.csv`: `frame,time,status,confidence,<joint>...,<joint>_sigma...`, degrees (model units where a joint slides);
 * `covariance.csv`: `frame` and the upper triangle of the covariance, columns `a*b`, in those units squared;
+* `information.csv`: `frame` and the upper triangle of what the images alone say of the independent joints, columns
+  `a*b`, one over those units squared; all zero where they say nothing;
 * `evidence.csv`: `frame,edges,residual,visible_0,visible_1...`, what each pose rests on (residual empty without edges);
+  with several views also `view0_edges,view0_visible_0,view0_visible_1...,view1_edges...`;
 * `timing.csv`: `frame,seconds`, apart from the others because it differs from run to run.
 """
 
@@ -11,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..errors import InputError
 from ..kinematics.tree import Model
@@ -25,23 +28,30 @@ HEAD = ("frame", "time", "status", "confidence")
 
 
 def write_track(folder: Path | str, track: Track, model: Model | None = None) -> None:
-    """Write the four tables into a folder that exists; each is whole or absent.
+    """Write the five tables into a folder that exists; each is whole or absent.
 
     Parameters
     ----------
     model : Model or None
-        Tells which joints slide; without it every joint is taken to turn, and written in degrees.
+        Tells which joints slide and which are independent; without it every joint is taken to turn, written in degrees,
+        and to be independent.
 
     Raises
     ------
     ValueError
         If a pose, sigma, covariance, time or confidence is not finite, or a status is unknown: tables never hold NaN.
+        If the information is not that of the independent joints.
     """
     _check(track)
     units = _units(track, model)
+    free = np.arange(len(track.joint_names)) if model is None else model.free
+    if track.information.shape[1:] != (free.size, free.size):
+        got = " x ".join(map(str, track.information.shape[1:]))
+        raise ValueError(f"track: information is {got}; wanted that of the {free.size} independent joints")
     folder = Path(folder)
     write_text(folder / "poses.csv", poses_text(track, units))
     write_text(folder / "covariance.csv", covariance_text(track, units))
+    write_text(folder / "information.csv", information_text(track, units, free))
     write_text(folder / "evidence.csv", evidence_text(track))
     write_text(
         folder / "timing.csv",
@@ -50,7 +60,7 @@ def write_track(folder: Path | str, track: Track, model: Model | None = None) ->
 
 
 def _check(track: Track) -> None:
-    for name in ("time", "q", "sigma", "covariance", "confidence", "visible", "seconds"):
+    for name in ("time", "q", "sigma", "covariance", "information", "confidence", "visible", "seconds"):
         bad = np.argwhere(~np.isfinite(getattr(track, name)))
         if bad.size:
             raise ValueError(f"track: {name} of row {bad[0][0]} is not finite; results hold finite numbers")
@@ -98,28 +108,57 @@ def poses_text(track: Track, units: Float[np.ndarray, " j"]) -> str:
 
 def covariance_text(track: Track, units: Float[np.ndarray, " j"]) -> str:
     """Text of `covariance.csv`."""
-    first, second = np.triu_indices(len(track.joint_names))
-    names = ["frame", *(f"{track.joint_names[a]}*{track.joint_names[b]}" for a, b in zip(first, second, strict=True))]
-    cells = (track.covariance / np.outer(units, units))[:, first, second]
-    return _table(names, ([str(number), *map(_short, row)] for number, row in zip(track.frame, cells, strict=True)))
+    return _symmetric_text(track.frame, track.joint_names, track.covariance / np.outer(units, units))
+
+
+def information_text(track: Track, units: Float[np.ndarray, " j"], free: Int[np.ndarray, " k"]) -> str:
+    """Text of `information.csv`; `free` are the independent joints."""
+    names = tuple(track.joint_names[joint] for joint in free)
+    return _symmetric_text(track.frame, names, track.information * np.outer(units[free], units[free]))
+
+
+def _symmetric_text(frame: Int[np.ndarray, " n"], names: tuple[str, ...], values: Float[np.ndarray, "n k k"]) -> str:
+    """A symmetric matrix for each frame, by its upper triangle."""
+    first, second = np.triu_indices(len(names))
+    cells = values[:, first, second]
+    return _table(("frame", *_pairs(names)), ([str(n), *map(_short, row)] for n, row in zip(frame, cells, strict=True)))
+
+
+def _pairs(names: tuple[str, ...]) -> list[str]:
+    """Columns of an upper triangle.
+
+    >>> _pairs(("a", "b"))
+    ['a*a', 'a*b', 'b*b']
+    """
+    first, second = np.triu_indices(len(names))
+    return [f"{names[a]}*{names[b]}" for a, b in zip(first, second, strict=True)]
 
 
 def evidence_text(track: Track) -> str:
     """Text of `evidence.csv`."""
     names = ["frame", "edges", "residual", *(f"visible_{link}" for link in range(track.visible.shape[1]))]
     residual = ["" if not math.isfinite(value) else _short(value) for value in track.residual]
-    rows = (
+    rows = [
         [str(track.frame[i]), str(track.edges[i]), residual[i], *map(_short, track.visible[i])]
         for i in range(track.frame.size)
-    )
+    ]
+    if track.view_edges is not None and track.view_visible is not None and track.view_edges.shape[1] > 1:
+        for view in range(track.view_edges.shape[1]):
+            names += _view_columns(view, track.visible.shape[1])
+            for i, row in enumerate(rows):
+                row += [str(track.view_edges[i, view]), *map(_short, track.view_visible[i, view])]
     return _table(names, rows)
+
+
+def _view_columns(view: int, links: int) -> list[str]:
+    return [f"view{view}_edges", *(f"view{view}_visible_{link}" for link in range(links))]
 
 
 def read_track(folder: Path | str, model: Model | None = None) -> Track:
     """Read a track back; only `poses.csv` is needed.
 
-    Without `covariance.csv` the covariance is diagonal; without `evidence.csv` there are no edges and no links, and the
-    residual is NaN; without `timing.csv` the seconds are NaN.
+    Without `covariance.csv` the covariance is diagonal; without `information.csv` the information is zero; without
+    `evidence.csv` there are no edges and no links, and the residual is NaN; without `timing.csv` the seconds are NaN.
 
     Raises
     ------
@@ -145,10 +184,14 @@ def read_track(folder: Path | str, model: Model | None = None) -> Track:
         wanted = ", ".join(model.joint_names)
         raise InputError(f"{table.path}: line 1: its joints are not those of model '{model.name}'; wanted: {wanted}")
     units = np.full(len(joints), math.radians(1.0)) if model is None else code_units(model)
-    covariance = _read_covariance(folder / "covariance.csv", frame, joints)
+    covariance = _read_symmetric(folder / "covariance.csv", frame, joints)
     if covariance is None:
         covariance = sigma[:, :, None] ** 2 * np.eye(len(joints))
-    edges, residual, visible = _read_evidence(folder / "evidence.csv", frame)
+    free = _independent(folder / "information.csv", joints) if model is None else model.free
+    information = _read_symmetric(folder / "information.csv", frame, tuple(joints[joint] for joint in free))
+    if information is None:
+        information = np.zeros((frame.size, free.size, free.size))
+    edges, residual, visible, view_edges, view_visible = _read_evidence(folder / "evidence.csv", frame)
     return Track(
         joint_names=joints,
         frame=frame,
@@ -156,12 +199,15 @@ def read_track(folder: Path | str, model: Model | None = None) -> Track:
         q=q * units,
         sigma=sigma * units,
         covariance=covariance * np.outer(units, units),
+        information=information / np.outer(units[free], units[free]),
         status=np.array(words(table, "status", STATUSES), dtype=np.str_),
         confidence=confidence,
         residual=residual,
         visible=visible,
         edges=edges,
         seconds=_read_seconds(folder / "timing.csv", frame),
+        view_edges=view_edges,
+        view_visible=view_visible,
     )
 
 
@@ -190,26 +236,48 @@ def _read_for(path: Path, frame: np.ndarray, needed: Iterable[str]) -> Table | N
     return table
 
 
-def _read_covariance(path: Path, frame: np.ndarray, joints: tuple[str, ...]) -> Float[np.ndarray, "n j j"] | None:
-    first, second = np.triu_indices(len(joints))
-    names = [f"{joints[a]}*{joints[b]}" for a, b in zip(first, second, strict=True)]
-    table = _read_for(path, frame, ["frame", *names])
+def _read_symmetric(path: Path, frame: np.ndarray, names: tuple[str, ...]) -> Float[np.ndarray, "n k k"] | None:
+    """A symmetric matrix for each frame from its upper triangle; None without the file."""
+    first, second = np.triu_indices(len(names))
+    table = _read_for(path, frame, ["frame", *_pairs(names)])
     if table is None:
         return None
-    covariance = np.empty((frame.size, len(joints), len(joints)))
-    cells = _columns(table, names)
-    covariance[:, first, second] = cells
-    covariance[:, second, first] = cells
-    return covariance
+    values = np.empty((frame.size, len(names), len(names)))
+    cells = _columns(table, _pairs(names))
+    values[:, first, second] = cells
+    values[:, second, first] = cells
+    return values
 
 
-def _read_evidence(path: Path, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges, residual and visible share of each link."""
+def _independent(path: Path, joints: tuple[str, ...]) -> Int[np.ndarray, " k"]:
+    """The joints that a table of information is about; all of them without the table."""
+    if not path.exists():
+        return np.arange(len(joints))
+    names = read_table(path, ("frame",)).names
+    return np.array([i for i, joint in enumerate(joints) if f"{joint}*{joint}" in names], dtype=int)
+
+
+_Evidence = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]
+
+
+def _read_evidence(path: Path, frame: np.ndarray) -> _Evidence:
+    """Edges, residual and visible share of each link; then edges and visible shares in each view, if it says."""
     table = _read_for(path, frame, ["frame", "edges", "residual"])
     if table is None:
-        return np.zeros(frame.size, dtype=int), np.full(frame.size, math.nan), np.zeros((frame.size, 0))
+        return np.zeros(frame.size, dtype=int), np.full(frame.size, math.nan), np.zeros((frame.size, 0)), None, None
     visible = _columns(table, [name for name in table.names if name.startswith("visible_")])
-    return integers(table, "edges"), numbers(table, "residual", empty=True), visible
+    whole = integers(table, "edges"), numbers(table, "residual", empty=True), visible
+    views = 0
+    while f"view{views}_edges" in table.names:
+        views += 1
+    if not views:
+        return *whole, None, None
+    columns = [_view_columns(view, visible.shape[1]) for view in range(views)]
+    missing = next((name for names in columns for name in names if name not in table.names), None)
+    if missing is not None:
+        raise InputError(f"{path}: line 1: column '{missing}' is missing; every view has a column for each link")
+    edges = np.stack([integers(table, names[0]) for names in columns], axis=1)
+    return *whole, edges, np.stack([_columns(table, names[1:]) for names in columns], axis=1)
 
 
 def _read_seconds(path: Path, frame: np.ndarray) -> Float[np.ndarray, " n"]:

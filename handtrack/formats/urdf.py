@@ -1,8 +1,8 @@
 """A model in, URDF text out, for robot viewers and simulators.
 
 URDF puts a joint at a constant origin and lets it turn about, or slide along, one axis: exactly a frame's `prefix` and
-its z axis. Lengths become metres and couplings `mimic` tags. A pill is drawn as a cylinder with a ball at each end (of
-the mean radius where it tapers: URDF has no cones).
+its z axis. Lengths become metres and exact couplings `mimic` tags; soft ones, which URDF cannot say, are left out. A
+pill is drawn as a cylinder with a ball at each end (of the mean radius where it tapers: URDF has no cones).
 """
 
 import math
@@ -30,7 +30,8 @@ def export_urdf(model: Model) -> str:
     for i, number in enumerate(model.frame_ids):
         body = ET.SubElement(robot, "link", name=f"frame_{number}")
         for link in np.flatnonzero(model.link_frame == i):
-            _add_pill(body, scale * float(model.link_length[link]), scale * model.link_radius[link])
+            ends = scale * model.link_base[link], scale * model.link_tip[link]
+            _add_pill(body, *ends, scale * model.link_radius[link])
         _add_joint(robot, model, i, scale)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
@@ -73,16 +74,21 @@ def _add_motion(joint: ET.Element, model: Model, index: int, slides: bool, scale
     return kind
 
 
-def _add_pill(body: ET.Element, length: float, radius: Float[np.ndarray, " 2"]) -> None:
-    """Cylinder along x (URDF's lie along z) and two balls, to be seen and to collide."""
+def _add_pill(
+    body: ET.Element, base: Float[np.ndarray, " 3"], tip: Float[np.ndarray, " 3"], radius: Float[np.ndarray, " 2"]
+) -> None:
+    """Cylinder from base to tip (URDF's lie along z) and two balls, to be seen and to collide."""
+    x, y, z = (float(part) for part in tip - base)
+    turn = [0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)]
     for use in ("visual", "collision"):
         tube = ET.SubElement(body, use)
-        ET.SubElement(tube, "origin", xyz=_text([0.5 * length, 0, 0]), rpy=_text([0, 0.5 * math.pi, 0]))
+        ET.SubElement(tube, "origin", xyz=_text(0.5 * (base + tip)), rpy=_text(turn))
         shape = ET.SubElement(tube, "geometry")
+        length = math.hypot(x, y, z)
         ET.SubElement(shape, "cylinder", length=repr(length), radius=repr(float(radius.mean())))
-        for x, r in ((0.0, radius[0]), (length, radius[1])):
+        for end, r in ((base, radius[0]), (tip, radius[1])):
             ball = ET.SubElement(body, use)
-            ET.SubElement(ball, "origin", xyz=_text([x, 0, 0]), rpy="0 0 0")
+            ET.SubElement(ball, "origin", xyz=_text(end), rpy="0 0 0")
             ET.SubElement(ET.SubElement(ball, "geometry"), "sphere", radius=repr(float(r)))
 
 

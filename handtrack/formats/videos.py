@@ -29,12 +29,15 @@ class VideoFile:
     ----------
     times : (n,)
         Seconds.
+    own : (n,)
+        Seconds since the first frame by the file's own time stamps; the same as `times` unless another rate was given.
     stamps : (n,)
         The file's own time stamps, to seek by.
     """
 
     path: Path
     times: Float[np.ndarray, " n"]
+    own: Float[np.ndarray, " n"]
     stamps: tuple[int, ...]
     width: int
     height: int
@@ -144,7 +147,7 @@ def open_video(path: Path, width: int, height: int, fps: float | None) -> tuple[
     if fps is None and not rate > 0:
         raise InputError(f"{path}: does not say its frame rate; `fps` is wanted")
     times = own if fps is None else np.arange(len(ordered)) / fps
-    return VideoFile(path, times, tuple(ordered), width, height), (rate if fps is None else fps), notes
+    return VideoFile(path, times, own, tuple(ordered), width, height), (rate if fps is None else fps), notes
 
 
 def _decoded_stamps(path: Path) -> list[int]:

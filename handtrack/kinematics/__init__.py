@@ -2,6 +2,7 @@
 
 from .couplings import Coupling as Coupling
 from .tree import FrameRow as FrameRow
+from .tree import LinkSigmas as LinkSigmas
 from .tree import Model as Model
 from .tree import forward as forward
 from .tree import forward_numpy as forward_numpy

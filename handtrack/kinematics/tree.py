@@ -162,17 +162,7 @@ def model_from_rows(
     """
     rows = parents_first(rows)
     index = {row.id: i for i, row in enumerate(rows)}
-    names = [row.joint for row in rows if row.joint is not None]
-    if not names:
-        raise ValueError(f"rows: model '{name}' has no joint; at least one is needed")
-    for joint in names:
-        if names.count(joint) > 1:
-            raise ValueError(f"rows: joint '{joint}' is named twice; joint names are unique")
-    for row in rows:
-        if row.link_length is not None and row.link_radius is None:
-            raise ValueError(f"rows: frame {row.id} has a link without a radius; both length and radius are needed")
-        if not row.limits[0] < row.limits[1]:
-            raise ValueError(f"rows: joint '{row.joint}' has limits {row.limits}; the lower must be below the upper")
+    names = _joint_names(name, rows)
     parent = np.array([index[row.parent] if row.parent else -1 for row in rows])
     prefix = np.stack(
         [
@@ -203,15 +193,32 @@ def model_from_rows(
         link_frame=np.array(links, dtype=int),
         link_length=np.array([rows[i].link_length for i in links], dtype=float),
         link_radius=np.array([rows[i].link_radius for i in links], dtype=float).reshape(-1, 2),
-        link_base=np.array([rows[i].link_base_offset or (0.0, 0.0, 0.0) for i in links]).reshape(-1, 3),
+        link_base=np.array([rows[i].link_base_offset or (0.0, 0.0, 0.0) for i in links], float).reshape(-1, 3),
         link_tip=np.array(
-            [np.add((rows[i].link_length, 0.0, 0.0), rows[i].link_tip_offset or (0.0, 0.0, 0.0)) for i in links]
+            [np.add((rows[i].link_length or 0.0, 0.0, 0.0), rows[i].link_tip_offset or (0.0, 0.0, 0.0)) for i in links],
+            float,
         ).reshape(-1, 3),
         link_sigmas=tuple(rows[i].link_sigmas for i in links),
         link_finger=link_finger,
         link_is_tip=link_is_tip,
         link_parent=link_parent,
     )
+
+
+def _joint_names(name: str, rows: Sequence[FrameRow]) -> list[str]:
+    """Names of the joints in the order of their rows, all checked."""
+    names = [row.joint for row in rows if row.joint is not None]
+    if not names:
+        raise ValueError(f"rows: model '{name}' has no joint; at least one is needed")
+    for joint in names:
+        if names.count(joint) > 1:
+            raise ValueError(f"rows: joint '{joint}' is named twice; joint names are unique")
+    for row in rows:
+        if row.link_length is not None and row.link_radius is None:
+            raise ValueError(f"rows: frame {row.id} has a link without a radius; both length and radius are needed")
+        if not row.limits[0] < row.limits[1]:
+            raise ValueError(f"rows: joint '{row.joint}' has limits {row.limits}; the lower must be below the upper")
+    return names
 
 
 def _link_groups(

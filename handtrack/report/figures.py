@@ -148,23 +148,28 @@ def quality_figures(track: Track, frame: Frame) -> list[Figure]:
     figures = []
     for name, unit, values, limits in table:
         series = (Series(name, "neutral", values),)
+        if name == "edges" and track.view_edges is not None and track.view_edges.shape[1] > 1:
+            each = track.view_edges.T.astype(float)
+            series = (*series, *(Series(f"view {i}", f"c{i % 6}", of_view) for i, of_view in enumerate(each)))
         figures.append(Figure(name, chart(name, frame, series, limits, unit, kind="medium", ticks=3), unit, series))
     return figures
 
 
-def visibility_rows(track: Track, joints: Joints, frame: Frame) -> tuple[str, list[Figure]]:
-    """Visible share of each link over time, a filled curve for each."""
+def visibility_rows(
+    visible: Float[np.ndarray, "n l"], joints: Joints, frame: Frame, prefix: str = "v"
+) -> tuple[str, list[Figure]]:
+    """Visible share of each link over time, a filled curve for each; names of the charts begin with the prefix."""
     rows, figures = [], []
-    count = track.visible.shape[1]
+    count = visible.shape[1]
     for finger_number, finger in enumerate(joints.fingers):
         for place, link in enumerate(finger.links):
-            name = f"v{link}"
-            series = (Series(f"{finger.name} {place + 1}", f"f{finger_number % 8}", 100.0 * track.visible[:, link]),)
+            name = f"{prefix}{link}"
+            series = (Series(f"{finger.name} {place + 1}", f"f{finger_number % 8}", 100.0 * visible[:, link]),)
             last = len(figures) == count - 1
             markup = chart(name, frame, series, (0.0, 100.0), "", kind="strip", ticks=1, filled=True, time_axis=last)
             figures.append(Figure(name, markup, " %", series))
             label = f"{html.escape(finger.name)} {place + 1}"
-            share = f"{100 * track.visible[:, link].mean():.0f}\N{NO-BREAK SPACE}%"
+            share = f"{100 * visible[:, link].mean():.0f}\N{NO-BREAK SPACE}%"
             facts = f'<span class="facts"><b>{label}</b> {share}</span>'
             rows.append(f'<div class="row">{markup}{facts}</div>')
     return f'<div class="rows">{"".join(rows)}</div>', figures

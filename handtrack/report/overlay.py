@@ -1,4 +1,4 @@
-"""Frames and track in, video out: the estimated model drawn on every image.
+"""Frames and track in, video out: the estimated model drawn on every image, all views side by side.
 
 Each link is shown by its outline and axis in the colour of its finger, with white joints; round each tip the ellipse
 that holds it at two sigmas, `J C J^T` with the tip's image Jacobian J and the pose's covariance C. It is drawn true to
@@ -6,7 +6,7 @@ scale, so a well-tracked tip shows none outside its dot.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from ..outlines import silhouettes
 from ..pills import pose_pills
 from ..track import Track
 from .fingers import STATUS_COLOURS, Finger, fingers_of, rgb
+from .mosaic import side_by_side
 from .video import write_video
 
 _SHIFT = 4  # OpenCV draws at 1/16 pixel
@@ -27,21 +28,26 @@ _LEAST_HEIGHT = 400  # smaller images are enlarged so that lines and text stay f
 _HIDDEN = 0.2  # links seen less than this are drawn faintly
 _FONT = cv2.FONT_HERSHEY_DUPLEX
 
+Image = Float[np.ndarray, "_ _"]
+
 
 def write_overlay(
     path: Path,
-    frames: Iterable[Float[np.ndarray, "h w"]],
+    frames: Iterable[Image | Sequence[Image]],
     track: Track,
     model: Model,
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     fps: float | None = None,
 ) -> str:
     """Write the overlay video, one image for each row of the track; returns the name of the video encoder.
 
     Parameters
     ----------
-    frames : iterable of (h, w)
-        The images the track was made from, grey 0..255, in the order of the track's rows.
+    frames : iterable of (h, w), or of tuples of them
+        The images the track was made from, grey 0..255, in the order of the track's rows; with several views a tuple at
+        a time.
+    camera : Camera or sequence of Camera
+        One for each view.
     fps : float, optional
         Frames per second; by default from the track's times.
 
@@ -52,7 +58,8 @@ def write_overlay(
     RuntimeError
         If PyAV has no encoder that a browser plays.
     """
-    return write_video(path, _overlays(frames, track, model, camera), track_fps(track) if fps is None else fps)
+    cameras = [camera] if isinstance(camera, Camera) else camera
+    return write_video(path, _overlays(frames, track, model, cameras), track_fps(track) if fps is None else fps)
 
 
 def track_fps(track: Track) -> float:
@@ -62,20 +69,35 @@ def track_fps(track: Track) -> float:
 
 
 def _overlays(
-    frames: Iterable[Float[np.ndarray, "h w"]], track: Track, model: Model, camera: Camera
+    frames: Iterable[Image | Sequence[Image]], track: Track, model: Model, cameras: Sequence[Camera]
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     images = iter(frames)
     for row in range(track.frame.size):
-        image = next(images, None)
-        if image is None:
+        found = next(images, None)
+        if found is None:
             raise ValueError(f"frames: {row} images given, the track has {track.frame.size} rows")
-        yield draw_overlay(image, track, row, model, camera)
+        together = (found,) if isinstance(found, np.ndarray) else found
+        if len(together) != len(cameras):
+            raise ValueError(f"frames: {len(together)} images given for {len(cameras)} cameras; one for each is wanted")
+        yield side_by_side(
+            [
+                draw_overlay(image, track, row, model, camera, view if len(cameras) > 1 else None)
+                for view, (image, camera) in enumerate(zip(together, cameras, strict=True))
+            ]
+        )
 
 
 def draw_overlay(
-    image: Float[np.ndarray, "h w"], track: Track, row: int, model: Model, camera: Camera
+    image: Float[np.ndarray, "h w"], track: Track, row: int, model: Model, camera: Camera, view: int | None = None
 ) -> UInt8[np.ndarray, "rows columns 3"]:
-    """Draw row `row` of the track on its image (grey, 0..255); returns RGB, enlarged if the image is small."""
+    """Draw row `row` of the track on its image (grey, 0..255); returns RGB, enlarged if the image is small.
+
+    Parameters
+    ----------
+    view : int, optional
+        Number of the view where there are several: it is written on the picture, and links are faint where this view
+        does not see them; the status is written on the first alone.
+    """
     zoom = max(1, math.ceil(_LEAST_HEIGHT / image.shape[0]))
     grey = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     canvas = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
@@ -83,11 +105,17 @@ def draw_overlay(
         canvas = cv2.resize(canvas, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
     fingers = fingers_of(model)
     frames = forward(model, track.q[row])
-    _draw_links(canvas, zoom, model, camera, frames, track.visible[row], fingers)
+    visible = track.visible[row]
+    if view is not None and track.view_visible is not None:
+        visible = track.view_visible[row, view]
+    _draw_links(canvas, zoom, model, camera, frames, visible, fingers)
     _draw_axes(canvas, zoom, model, camera, frames, fingers)
     _draw_tips(canvas, zoom, model, camera, frames, track.covariance[row], fingers)
-    _draw_caption(canvas, track, row)
-    _draw_names(canvas, fingers)
+    if not view:
+        _draw_caption(canvas, track, row)
+        _draw_names(canvas, fingers)
+    if view is not None:
+        _draw_number(canvas, view)
     return canvas
 
 
@@ -219,6 +247,15 @@ def _draw_caption(canvas: UInt8[np.ndarray, "rows columns 3"], track: Track, row
     _panel(canvas, 8, 8, cv2.getTextSize(words, _FONT, 0.45, 1)[0][0] + 34, 24)
     cv2.circle(canvas, (21 * 16, 20 * 16), 5 * 16, colour, -1, cv2.LINE_AA, _SHIFT)
     _text(canvas, words, 33, 25, (240, 240, 240))
+
+
+def _draw_number(canvas: UInt8[np.ndarray, "rows columns 3"], view: int) -> None:
+    """Number of the view in the upper right corner."""
+    words = f"view {view}"
+    width = cv2.getTextSize(words, _FONT, 0.45, 1)[0][0] + 16
+    left = max(canvas.shape[1] - 8 - width, 0)
+    _panel(canvas, left, 8, width, 24)
+    _text(canvas, words, left + 8, 25, (240, 240, 240))
 
 
 def _draw_names(canvas: UInt8[np.ndarray, "rows columns 3"], fingers: tuple[Finger, ...]) -> None:

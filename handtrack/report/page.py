@@ -18,14 +18,17 @@ from string import Template
 import numpy as np
 
 from ..camera import Camera
-from ..evaluate import evaluate
 from ..kinematics import Model
 from ..sequences import Truth
 from ..track import Track
-from .figures import Figure, Joints, finger_section, joints_of, quality_figures, visibility_rows
+from ..view_errors import evaluate_views
+from .figures import Figure, Joints, finger_section, joints_of, quality_figures
 from .fingers import STATUS_COLOURS, finger_colour, short_name
+from .observability import observability_section
 from .plots import Frame, status_spans
 from .tiles import summary_tiles
+from .views import camera_words, size_words, view_table, visibility_of_views
+from .widths import width_section
 
 _CAPTIONS = (
     ("residual", "Distance of the accepted edge points from the outline, RMS"),
@@ -49,6 +52,8 @@ class RunInfo:
         Names and values of settings, names and versions of packages, names and checksums of input files.
     warnings : tuple of str
         What was accepted with care.
+    views : tuple of str
+        What each view is called, where there are several.
     """
 
     title: str
@@ -57,13 +62,14 @@ class RunInfo:
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()
     warnings: tuple[str, ...] = ()
+    views: tuple[str, ...] = ()
 
 
 def write_report(
     path: Path,
     track: Track,
     model: Model,
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     video: Path | None,
     truth: Truth | None,
     run: RunInfo,
@@ -74,6 +80,8 @@ def write_report(
     ----------
     path : Path
         Where to write; replaced at once, so that nothing half-written stays behind.
+    camera : Camera or sequence of Camera
+        One for each view.
     video : Path or None
         The overlay video, from `write_overlay`; it is put inside the page.
     truth : Truth or None
@@ -98,30 +106,41 @@ def write_report(
 
 
 def render_page(
-    track: Track, model: Model, camera: Camera, video: bytes | None, truth: Truth | None, run: RunInfo
+    track: Track,
+    model: Model,
+    camera: Camera | Sequence[Camera],
+    video: bytes | None,
+    truth: Truth | None,
+    run: RunInfo,
 ) -> str:
     """The text of the report; see `write_report`."""
     frame = Frame(track.time, track.status)
-    evaluation = None if truth is None else evaluate(track, truth, model, camera)
+    cameras = [camera] if isinstance(camera, Camera) else camera
+    evaluation, landmarks = (None, None) if truth is None else evaluate_views(track, truth, model, cameras)
     joints = joints_of(track, model, truth)
     sections = [finger_section(i, joints, frame, evaluation) for i, f in enumerate(joints.fingers) if f.joints]
     quality = quality_figures(track, frame)
-    visibility, visible_figures = visibility_rows(track, joints, frame)
-    figures = [figure for _, group in sections for figure in group] + quality + visible_figures
-    tiles = summary_tiles(track, joints, evaluation)
+    visibility, visible_figures = visibility_of_views(track, joints, frame)
+    widths, width_figures = width_section(track, joints, frame)
+    figures = [figure for _, group in sections for figure in group] + quality + visible_figures + width_figures
+    tiles = summary_tiles(track, joints, evaluation, len(cameras))
     return Template(_asset("page.html")).substitute(
         title=html.escape(run.title),
-        subtitle=html.escape(_subtitle(track, model, camera)),
+        subtitle=html.escape(_subtitle(track, model, cameras)),
         style=_asset("page.css") + _colour_rules(len(joints.fingers)),
         warnings="".join(f'<p class="warning">{html.escape(text)}</p>' for text in run.warnings),
         tiles="".join(tiles),
         tile_count=len(tiles),
-        video=_video(video, camera),
+        video=_video(video, cameras[0] if len(cameras) == 1 else None),
+        wide=' class="several"' if len(cameras) > 1 else "",
+        views=view_table(track, cameras, run.views, landmarks) if len(cameras) > 1 else "",
         scrub=_scrub(frame),
         now=_now_table(joints, [figure for _, group in sections for figure in group]),
         fingers="".join(markup for markup, _ in sections),
         quality="".join(_quality_card(figure) for figure in quality),
         visibility=visibility,
+        widths=widths,
+        observability=observability_section(track, model),
         settings=_table("Settings", run.settings) + _table("Versions", run.versions) + _table("Inputs", run.inputs),
         truth_key="" if truth is None else '<li><i class="key truth-key"></i>true value</li>',
         data=_data(track, figures, run.fps),
@@ -133,10 +152,12 @@ def _asset(name: str) -> str:
     return resources.files(__name__.rpartition(".")[0]).joinpath(name).read_text(encoding="utf-8")
 
 
-def _subtitle(track: Track, model: Model, camera: Camera) -> str:
+def _subtitle(track: Track, model: Model, cameras: Sequence[Camera]) -> str:
+    seen = f"{len(cameras)} views."
+    if len(cameras) == 1:
+        seen = f"{camera_words(cameras[0]).capitalize()} camera, {size_words(cameras[0])}."
     return (
-        f"Model {model.name}: {len(model.joint_names)} joints, {model.link_length.size} links. "
-        f"{camera.kind.capitalize()} camera, {camera.width} \N{MULTIPLICATION SIGN} {camera.height} pixels. "
+        f"Model {model.name}: {len(model.joint_names)} joints, {model.link_length.size} links. {seen} "
         f"Frames {track.frame[0]} to {track.frame[-1]}."
     )
 
@@ -147,13 +168,14 @@ def _colour_rules(count: int) -> str:
     return ":root{" + "".join(f"--{name}:{colour};" for name, colour in STATUS_COLOURS) + "}" + fingers
 
 
-def _video(video: bytes | None, camera: Camera) -> str:
+def _video(video: bytes | None, camera: Camera | None) -> str:
+    """The video, in the shape of the camera's image where there is one camera."""
     if video is None:
         return '<p class="novideo">No video was written for this run.</p>'
     data = base64.b64encode(video).decode("ascii")
-    shape = f"aspect-ratio:{camera.width}/{camera.height}"
+    shape = "" if camera is None else f' style="aspect-ratio:{camera.width}/{camera.height}"'
     return (
-        f'<video id="video" controls loop muted playsinline preload="auto" style="{shape}" '
+        f'<video id="video" controls loop muted playsinline preload="auto"{shape} '
         f'src="data:video/mp4;base64,{data}"></video>'
     )
 
@@ -203,6 +225,9 @@ def _quality_card(figure: Figure) -> str:
     if values.size:
         other, extreme = ("smallest", values.min()) if figure.name == "confidence" else ("largest", values.max())
         facts = f"median <b>{np.median(values):.3g}{unit}</b>, {other} <b>{extreme:.3g}{unit}</b>"
+    for series in figure.series[1:]:
+        mine = series.values[np.isfinite(series.values)]
+        facts += f', <b class="{series.style}">{html.escape(series.name)}</b> {np.median(mine):.3g}{unit}'
     return f'<section class="card"><h3>{caption}</h3>{figure.html}<p class="facts">{facts}</p></section>'
 
 

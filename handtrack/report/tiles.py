@@ -13,9 +13,9 @@ _DEGREE = "\N{DEGREE SIGN}"
 _NBSP = "\N{NO-BREAK SPACE}"
 
 
-def summary_tiles(track: Track, joints: Joints, evaluation: Evaluation | None) -> list[str]:
+def summary_tiles(track: Track, joints: Joints, evaluation: Evaluation | None, views: int = 1) -> list[str]:
     """All tiles in reading order: how much was tracked, how well, how sure, how fast."""
-    errors = [] if evaluation is None else _evaluation_tiles(evaluation)
+    errors = [] if evaluation is None else _evaluation_tiles(evaluation, views)
     return [*_status_tiles(track), *errors, *_certainty_tiles(track, joints), _time_tile(track)]
 
 
@@ -53,7 +53,7 @@ def _time_tile(track: Track) -> str:
     return _tile("Time per frame", f"{usual:.2f}{_NBSP}ms", note)
 
 
-def _evaluation_tiles(evaluation: Evaluation) -> list[str]:
+def _evaluation_tiles(evaluation: Evaluation, views: int) -> list[str]:
     """What the truth adds: errors of angles and landmarks, and whether the sigmas are honest."""
     worst = evaluation.worst_joint
     scale, unit = (
@@ -63,7 +63,7 @@ def _evaluation_tiles(evaluation: Evaluation) -> list[str]:
     note = f"{name}, largest error {evaluation.largest[worst] * scale:.2f}{unit}"
     tiles = [_tile("Worst-joint RMSE", f"{small_number(float(evaluation.rmse[worst]) * scale)}{unit}", note)]
     if math.isfinite(evaluation.landmark_px):
-        note = f"largest {evaluation.landmark_max_px:.2f}{_NBSP}px"
+        note = f"largest {evaluation.landmark_max_px:.2f}{_NBSP}px" + (f", {views} views together" if views > 1 else "")
         tiles.append(_tile("Landmark error", f"{evaluation.landmark_px:.2f}{_NBSP}px", note))
     if math.isfinite(evaluation.nees_mean):
         # Per degree of freedom and rooted, NEES is the size of an error in sigmas, which is easier to judge.

@@ -1,0 +1,164 @@
+"""Compiled loops that align a whole image with a mesh: pixel residuals, their Jacobian, and what moving outlines add."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .mesh_image import INSIDE, table_level, table_slope
+from .pixels import shading_slope
+from .profiles import shade
+from .raster import first_triangle, state_of_contour
+
+
+@njit(cache=True, inline="always")
+def add_harmonics(x, y, z, lit, factor, row):  # pragma: no cover - compiled
+    """Add `factor` times the shading basis of a normal, and the share of the one light, to a row."""
+    px, py = np.empty(5), np.empty(5)
+    px[0] = py[0] = 1.0
+    for i in range(1, 5):
+        px[i], py[i] = px[i - 1] * x, py[i - 1] * y
+    column = 0
+    for degree in range(5):
+        for b in range(degree + 1):
+            row[column] += factor * px[degree - b] * py[b]
+            column += 1
+    for degree in range(4):
+        for b in range(degree + 1):
+            row[column] += factor * z * px[degree - b] * py[b]
+            column += 1
+    row[column] += factor * lit
+
+
+@njit(cache=True)
+def dense_rows(
+    pixel, kind, level, samples, mesh, region, vertices, light, background, noise, r, J, B, on_region
+):  # pragma: no cover - compiled
+    """Residuals (level - expected) / noise of pixels, their Jacobian as far as the surface moves beneath them, and B.
+
+    A pixel inside is its centre; on an edge or beside one it is the mean of `samples` squared points, those beyond the
+    surface being background. At a point the triangle moves beneath it: its shares l of the corners change by
+    `dl = -A^-1 sum l_i dxy_i`, A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one
+    over depth for a pinhole; the albedo is blended by l. B: derivative by the shading's coefficients and the regions'
+    gains. Twin: `surface.dense.rows_numpy`.
+    """
+    xy, inverse, pinhole, triangles, tiles = mesh
+    dxy, s, ds, n, dn, albedo = vertices
+    shading, gain, table, low, spacing = light
+    size_l = math.sqrt(shading[25] ** 2 + shading[26] ** 2 + shading[27] ** 2)
+    slope, d, g = np.empty(3), np.empty(3), np.empty(3)
+    wx, wy = np.empty(4), np.empty(4)
+    k, basis = J.shape[1], 26
+    for i in range(pixel.shape[0]):
+        count = 1 if kind[i] == INSIDE else samples
+        part = 1.0 / (count * count)
+        expected = 0.0
+        J[i], B[i] = 0.0, 0.0
+        on_region[i] = -1
+        for point in range(count * count):
+            px = pixel[i, 0] - 0.5 + (point % count + 0.5) / count
+            py = pixel[i, 1] - 0.5 + (point // count + 0.5) / count
+            t, _, _, _, _ = first_triangle(px, py, xy, inverse, pinhole, triangles, tiles)
+            if t < 0:
+                expected += part * background
+                continue
+            on_region[i] = region[t]
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            bx, by = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            cx, cy = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
+            area = bx * cy - by * cx
+            x, y = px - xy[a, 0], py - xy[a, 1]
+            l1, l2 = (x * cy - y * cx) / area, (bx * y - by * x) / area
+            l0 = 1.0 - l1 - l2
+            w0, w1, w2 = l0 * s[a], l1 * s[b], l2 * s[c]
+            size = 0.0
+            for q in range(3):
+                d[q] = w0 * n[a, q] + w1 * n[b, q] + w2 * n[c, q]
+                size += d[q] * d[q]
+            size = math.sqrt(size)
+            if size == 0.0:
+                continue
+            for q in range(3):
+                d[q] /= size
+            smooth = shading_slope(shading, d[0], d[1], d[2], slope)
+            value = smooth + table_slope(table, low, spacing, d, wx, wy, slope)
+            factor = gain[region[t]]
+            colour = l0 * albedo[a] + l1 * albedo[b] + l2 * albedo[c]
+            shown = factor * colour * value
+            expected += part * shown
+            lit = shading[25] * d[0] + shading[26] * d[1] + shading[27] * d[2]
+            lit = lit / size_l if lit > 0.0 and size_l > 0.0 else 0.0
+            add_harmonics(d[0], d[1], d[2], lit, -part * factor * colour / noise, B[i])
+            B[i, basis + region[t]] -= part * shown / noise
+            along = slope[0] * d[0] + slope[1] * d[1] + slope[2] * d[2]
+            scale = -part * factor * colour / (noise * size)
+            painted = -part * factor * value / noise
+            ga = gb = gc = 0.0
+            for q in range(3):
+                g[q] = (slope[q] - along * d[q]) * scale
+                ga, gb, gc = ga + g[q] * n[a, q], gb + g[q] * n[b, q], gc + g[q] * n[c, q]
+            for j in range(k):
+                if dxy[a, 0, j] == 0.0 and dxy[b, 0, j] == 0.0 and dxy[c, 0, j] == 0.0 and dxy[a, 1, j] == 0.0:
+                    if dxy[b, 1, j] == 0.0 and dxy[c, 1, j] == 0.0 and dn[a, 0, j] == 0.0 and dn[b, 0, j] == 0.0:
+                        continue  # a joint that does not move this triangle
+                mx = l0 * dxy[a, 0, j] + l1 * dxy[b, 0, j] + l2 * dxy[c, 0, j]
+                my = l0 * dxy[a, 1, j] + l1 * dxy[b, 1, j] + l2 * dxy[c, 1, j]
+                d1, d2 = -(mx * cy - my * cx) / area, -(bx * my - by * mx) / area
+                total = ga * (-(d1 + d2) * s[a] + l0 * ds[a, j])
+                total += gb * (d1 * s[b] + l1 * ds[b, j]) + gc * (d2 * s[c] + l2 * ds[c, j])
+                for q in range(3):
+                    total += g[q] * (w0 * dn[a, q, j] + w1 * dn[b, q, j] + w2 * dn[c, q, j])
+                total += painted * (d1 * (albedo[b] - albedo[a]) + d2 * (albedo[c] - albedo[a]))
+                J[i, j] += total
+        r[i] = (level[i] - expected) / noise
+
+
+@njit(cache=True, inline="always")
+def level_of(hit, triangles, n, albedo, region, light, background, wx, wy):  # pragma: no cover - compiled
+    """Grey level of what `first_triangle` has met."""
+    k, b0, b1, b2, _ = hit
+    if k < 0:
+        return background
+    shading, gain, table, low, spacing = light
+    a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
+    x = b0 * n[a, 0] + b1 * n[b, 0] + b2 * n[c, 0]
+    y = b0 * n[a, 1] + b1 * n[b, 1] + b2 * n[c, 1]
+    z = b0 * n[a, 2] + b1 * n[b, 2] + b2 * n[c, 2]
+    size = math.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / size if size > 0.0 else 0.0
+    x, y, z = x * scale, y * scale, z * scale
+    factor = gain[region[k]] * (b0 * albedo[a] + b1 * albedo[b] + b2 * albedo[c])
+    return shade(shading, factor, x, y, z) + factor * table_level(table, low, spacing, x, y, z, wx, wy)
+
+
+@njit(cache=True)
+def add_outline(
+    origin, direction, contact, motion, length, row_of, x0, y0, mesh, region, finger, area, n, albedo, light, rest, J
+):  # pragma: no cover - compiled
+    """Add to J what moving outlines do to the pixels they cross.
+
+    A piece of outline of `length` pixels that moves outwards by `motion` per unit of a joint turns background into
+    surface: the pixel changes by (inside - outside) motion length. `row_of` holds each pixel's row of J, or -1.
+    Twin: `surface.dense.outline_numpy`.
+    """
+    xy, inverse, pinhole, triangles, tiles = mesh
+    background, noise = rest
+    wx, wy = np.empty(4), np.empty(4)
+    height, width = row_of.shape
+    for i in range(origin.shape[0]):
+        ox, oy, dx, dy = origin[i, 0], origin[i, 1], direction[i, 0], direction[i, 1]
+        c, r = int(math.floor(ox + 0.5)) - x0, int(math.floor(oy + 0.5)) - y0
+        if c < 0 or r < 0 or c >= width or r >= height or row_of[r, c] < 0:
+            continue
+        inside = first_triangle(ox - 0.2 * dx, oy - 0.2 * dy, xy, inverse, pinhole, triangles, tiles)
+        outside = first_triangle(ox + 0.2 * dx, oy + 0.2 * dy, xy, inverse, pinhole, triangles, tiles)
+        state = state_of_contour(
+            inside, outside, contact[i, 0], int(contact[i, 1]), contact[i, 2], contact[i, 3], finger, region, area
+        )
+        if state != 0:
+            continue
+        step = level_of(inside, triangles, n, albedo, region, light, background, wx, wy)
+        step -= level_of(outside, triangles, n, albedo, region, light, background, wx, wy)
+        scale = -step * length[i] / noise
+        for j in range(J.shape[1]):
+            J[row_of[r, c], j] += scale * motion[i, j]

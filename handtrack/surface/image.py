@@ -1,0 +1,178 @@
+"""A posed surface and its appearance in, the image it should give out.
+
+Where a pixel and its eight neighbours show one surface, its grey level is that of its centre; on edges and beside them
+it is the mean over some points of the pixel, `samples` along each side: a camera gathers light over the whole pixel
+(four are enough), a renderer may have taken few points, and the appearance knows which fits better. What the lens
+blurs beyond that is blurred at the end.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .._kernels import mesh_image as kernels
+from ..appearance import SHARP, shade_numpy
+from ..camera import Camera
+from ..profiles import Samplers
+from .raster import Fragments, probe, smooth_normals
+from .shading import LOW, SPACING, SurfaceAppearance, table_levels
+from .skin import Surface
+from .view import View
+
+INSIDE, RIM, EDGE = kernels.INSIDE, kernels.RIM, kernels.EDGE
+_RIM_PIXELS = 2
+_JUMP = 0.25  # of the link's radius: a step in depth between two surfaces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """What the pixels of a box of the image show.
+
+    Attributes
+    ----------
+    x0, y0 : int
+        First pixel.
+    triangle, depth : (h, w), (h, w)
+        At the pixel's centre: -1 and inf where there is none.
+    kind : (h, w)
+        INSIDE, RIM or EDGE; 0 where neither the pixel nor a neighbour shows the surface.
+    """
+
+    x0: int
+    y0: int
+    triangle: Int[np.ndarray, "h w"]
+    depth: Float[np.ndarray, "h w"]
+    kind: Int[np.ndarray, "h w"]
+
+
+def box_of(
+    surface: Surface, camera: Camera, view: View, low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
+) -> Box:
+    """Rasterise the pixels from `low` to `high`, both included."""
+    width, height = np.maximum(high - low, 0.0).astype(int) + 1
+    triangle, depth = np.full((height, width), -1, dtype=np.int64), np.full((height, width), np.inf)
+    mesh = view.mesh
+    kernels.fill_depth(
+        mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, int(low[0]), int(low[1]), triangle, depth
+    )
+    kind = np.empty((height, width), dtype=np.int64)
+    kernels.classify(triangle, depth, depth_jumps(surface), _RIM_PIXELS, kind)
+    return Box(int(low[0]), int(low[1]), triangle, depth, kind)
+
+
+def depth_jumps(surface: Surface) -> Float[np.ndarray, " t"]:
+    """Depth that must lie between two surfaces at each triangle, mm: a quarter of the link's radius."""
+    return _JUMP * surface.model.link_radius.mean(axis=1)[surface.link]
+
+
+def shade_box(
+    surface: Surface,
+    view: View,
+    box: Box,
+    appearance: SurfaceAppearance,
+    wanted: Bool[np.ndarray, "h w"] | None = None,
+) -> Float[np.ndarray, "h w"]:
+    """Grey levels of the wanted pixels of the box, before the blur of the lens; background elsewhere."""
+    image = np.empty(box.triangle.shape)
+    wanted = np.ones(image.shape, dtype=bool) if wanted is None else wanted
+    mesh, plain = view.mesh, appearance.plain
+    kernels.shade_box(
+        box.x0,
+        box.y0,
+        box.triangle,
+        box.kind,
+        wanted,
+        (mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, view.tiles.packed()),
+        view.skin.normal,
+        appearance.albedo,
+        surface.region,
+        (plain.shading, plain.gain, appearance.table, LOW, SPACING),
+        plain.background,
+        appearance.samples,
+        image,
+    )
+    return image
+
+
+def shade_box_numpy(
+    surface: Surface, view: View, box: Box, appearance: SurfaceAppearance
+) -> Float[np.ndarray, "h w"]:
+    """The same as `shade_box` in plain NumPy: the twin of the compiled kernel."""
+    count = appearance.samples
+    image = np.full(box.triangle.shape, appearance.plain.background)
+    row, column = np.nonzero(box.kind == INSIDE)
+    image[row, column] = _levels(surface, view, appearance, np.column_stack([column + box.x0, row + box.y0]) + 0.0)
+    row, column = np.nonzero(box.kind > INSIDE)
+    centre = np.column_stack([column + box.x0, row + box.y0])
+    total = np.zeros(row.size)
+    for i in range(count):
+        for j in range(count):
+            step = (np.array([j, i]) + 0.5) / count - 0.5
+            total += _levels(surface, view, appearance, centre + step)
+    image[row, column] = total / count**2
+    return image
+
+
+def _levels(
+    surface: Surface, view: View, appearance: SurfaceAppearance, points: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    seen = probe(view.mesh, view.tiles, points)
+    normal = smooth_normals(view.skin, view.mesh, seen)
+    on = seen.triangle >= 0
+    region = np.where(on, surface.region[seen.triangle], -1)
+    colour = (seen.bary * appearance.albedo[view.mesh.triangles[seen.triangle]]).sum(axis=1)
+    level = shade_numpy(appearance.plain, normal, region)
+    level = level + appearance.plain.gain[region] * table_levels(appearance.table, normal)
+    return np.where(on, colour * level, appearance.plain.background)
+
+
+def expected_image(
+    surface: Surface,
+    camera: Camera,
+    view: View,
+    appearance: SurfaceAppearance,
+    box: Box,
+    wanted: Bool[np.ndarray, "h w"] | None = None,
+) -> Float[np.ndarray, "h w"]:
+    """The whole image that the surface in the box should give, background everywhere else.
+
+    If only some pixels of the box are wanted, the others are not to be relied on.
+    """
+    image = np.full((camera.height, camera.width), appearance.plain.background)
+    lens = float(np.sqrt(max(appearance.blur**2 - SHARP**2, 0.0)))
+    if wanted is not None and lens > 0.0:
+        size = 2 * int(np.ceil(3.0 * lens)) + 1
+        wanted = cv2.dilate(wanted.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    part = shade_box(surface, view, box, appearance, wanted)
+    if lens > 0.0:
+        part = cv2.GaussianBlur(part, (0, 0), lens, borderType=cv2.BORDER_REPLICATE)
+    height, width = part.shape
+    image[box.y0 : box.y0 + height, box.x0 : box.x0 + width] = part
+    return image
+
+
+def profile_pixels(box: Box, samplers: Samplers, u: Float[np.ndarray, " m"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels of the box that profiles are read from."""
+    wanted = np.zeros(box.triangle.shape, dtype=bool)
+    kernels.mark_profiles(samplers.origin, samplers.direction, u, box.x0, box.y0, 0, wanted)
+    return wanted
+
+
+def fragments(
+    view: View, box: Box, row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]
+) -> Fragments:
+    """What the centres of some pixels of the box show; all must show the surface."""
+    mesh, triangle = view.mesh, box.triangle[row, column]
+    corner = mesh.triangles[triangle]
+    a, b, c = (mesh.xy[corner[:, i]] for i in range(3))
+    point = np.column_stack([column + box.x0, row + box.y0]) - a
+    b, c, area = b - a, c - a, mesh.area[triangle]
+    l1 = (point[:, 0] * c[:, 1] - point[:, 1] * c[:, 0]) / area
+    l2 = (b[:, 0] * point[:, 1] - b[:, 1] * point[:, 0]) / area
+    share = np.stack([1.0 - l1 - l2, l1, l2], axis=1)
+    if mesh.pinhole:
+        share = share * mesh.inverse[corner]
+        share = share / share.sum(axis=1, keepdims=True)
+    return Fragments(triangle, share, box.depth[row, column])
