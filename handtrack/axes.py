@@ -20,7 +20,7 @@ from .profiles import Samplers, place_tips
 from .residuals import Chain, LineFeatures
 
 FLOOR = 0.12  # pixels: what shading that is slightly off leaves
-_TOLERANCE = 1.0  # pixels: inliers of a boundary line
+TOLERANCE = 1.0  # pixels: inliers of a boundary line
 _LEAST_POINTS = 3  # on each side of a link
 _AT = np.array([0.2, 0.8])  # where on a link its axis is held against the line
 
@@ -83,7 +83,7 @@ def find_axes(
     spread = np.full(points.shape[:2], np.inf)
     points[group[order], rank], spread[group[order], rank] = xy[found][order], sigma[found][order]
     chosen = np.stack([2 * kept, 2 * kept + 1], axis=1)
-    both = fit_line(points[chosen], spread[chosen], _TOLERANCE)
+    both = fit_line(points[chosen], spread[chosen], TOLERANCE)
     return Axes(axial_line(both[:, 0], both[:, 1]), kept)
 
 

@@ -271,6 +271,6 @@ def _kept(frame: Frame, on: Sequence[Chain]) -> tuple[np.ndarray | str | float |
     image_only, residual = frame.estimate.information, frame.estimate.residual
     rival = np.full(frame.q.size, np.nan) if frame.other is None else frame.other
     sure = frame.status, frame.confidence
-    widths = widths_in_views(seen, [posed(view, frame.estimate.u) for view in on], model.link_radius)
+    widths = widths_in_views(seen, [view.pills for view in seen], model.link_radius)  # a pixel's motion cancels
     width = widths.width, widths.sigma, widths.lasting, widths.profiles
     return frame.q, frame.covariance, image_only, *sure, residual, visible, edges, rival, frame.other_weight, *width

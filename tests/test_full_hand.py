@@ -22,8 +22,8 @@ def test_the_scene_turns_as_figure_6_6_says():
     q = dict(zip(scene.model.joint_names, np.degrees(scene.truth).T, strict=True))
     for finger in ("little", "ring", "middle", "index"):
         np.testing.assert_allclose(q[f"{finger}_dip"], q[f"{finger}_pip"])  # "overlaps the true value of the third"
-    spread = sum(q[f"{finger}_abduction"] for finger in ("little", "ring", "middle", "index"))
-    flexion = sum(q[f"{finger}_pip"] for finger in ("ring", "middle", "index"))
+    spread = np.sum([q[f"{finger}_abduction"] for finger in ("little", "ring", "middle", "index")], axis=0)
+    flexion = np.sum([q[f"{finger}_pip"] for finger in ("ring", "middle", "index")], axis=0)
     assert spread[35] > spread[0] + 25.0 and flexion[35] < flexion[0] + 10.0  # they spread first
     assert flexion[-1] > flexion[0] + 40.0
     np.testing.assert_allclose(q["thumb_ip"], q["thumb_palmar"])  # "of the fifth DOF overlaps ... of the first"

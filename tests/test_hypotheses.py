@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from handtrack.appearance import learn
 from handtrack.camera import Camera, orthographic, perspective
+from handtrack.consistency import first_consistency
 from handtrack.estimate import Estimate, Known, Prior, estimate
 from handtrack.folds import depth_angles, find_folds, fold_candidates
 from handtrack.hypotheses import (
@@ -323,8 +324,6 @@ def first_estimate(scene: Scene, u: np.ndarray) -> tuple[tuple[np.ndarray, ...],
     on = chain(scene.model, scene.camera)
     grey = np.asarray(image_of(scene, 0), dtype=np.float32)
     appearance = learn(grey, posed(on, u), scene.camera)
-    from handtrack.consistency import first_consistency
-
     known = Known((on,), Settings(), (appearance,), first_consistency(3), (None,))
     return (grey,), known, estimate((grey,), known, first_prediction(u, 25.0, Settings()).motion, u, 3, 1.0)
 
@@ -349,6 +348,7 @@ def test_the_cost_of_a_frame_counts_prediction_edges_and_what_is_missing():
     blind = replace(found, fit=None, prior=prior)
     assert frame_cost(pictures, known, blind, compared) == pytest.approx(0.5)
     view = found.seen[0]
+    assert found.fit is not None and isinstance(view.features, OutlineFeatures)
     fewer = view.found & (np.cumsum(view.found) > 4)
     fit = replace(found.fit, r=found.fit.r[4:], J=found.fit.J[4:], weight=found.fit.weight[4:])
     features = view.features

@@ -141,7 +141,7 @@ def test_units_of_length_do_not_matter():
         J = np.array([[1.0 / unit, 40.0]])  # the slide and the turn move the tip alike
         seen = observability(track_of(model, np.tile(1e4 * J.T @ J, (5, 1, 1))), model)
         weights.append(seen.direction[0])
-        texts.append(as_data(seen)["directions"][0])
+        texts.append(json.loads(json.dumps(as_data(seen)))["directions"][0])
         assert seen.sigma[0, 0] == pytest.approx(UNKNOWN * 40.0 * unit / math.sqrt(2.0), rel=0.01)
     np.testing.assert_allclose(weights[0], weights[1], atol=1e-9)
     assert weights[0] == pytest.approx([math.sqrt(0.5), -math.sqrt(0.5)], abs=0.01)
@@ -153,7 +153,7 @@ def test_an_unseen_slide_is_told_in_units_of_length():
     information = np.tile(np.diag([1.0 / 12.0**2, SURE]), (6, 1, 1))
     seen = observability(track_of(model, information), model)
     assert lines(seen) == ("slide: not seen; sigma 12 mm, frames 0-5",)
-    assert as_data(seen)["median_sigma"]["slide"] == pytest.approx(11.5, abs=0.5)
+    assert json.loads(json.dumps(as_data(seen)))["median_sigma"]["slide"] == pytest.approx(11.5, abs=0.5)
     assert "12 mm" in observability_section(track_of(model, information), model)
 
 

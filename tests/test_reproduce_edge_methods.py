@@ -69,8 +69,8 @@ def test_figures_of_single_frames_are_those_of_their_edges():
     error = np.array([0.1, -0.1, 0.3, 5.0, np.nan, 0.2])
     found, visible = np.array([1, 1, 1, 1, 1, 0], dtype=bool), np.array([1, 1, 1, 1, 0, 1], dtype=bool)
     got = figures._figures(figures._Errors(error, np.full(6, 0.1), found, visible))
-    assert_allclose([got.bias, got.scatter], [0.1, np.std([0.1, -0.1, 0.3])])
-    assert_allclose([got.found, got.false, got.normalised], [0.6, 0.4, np.sqrt(11.0 / 3.0)])
+    assert_allclose([got.bias, got.scatter], [0.1, float(np.std([0.1, -0.1, 0.3]))])
+    assert_allclose([got.found, got.false, got.normalised], [0.6, 0.4, float(np.sqrt(11.0 / 3.0))])
     none = figures._figures(figures._Errors(error, np.full(6, 0.1), ~visible & visible, visible))
     assert np.isnan(none.bias) and none.found == 0.0 and none.false == 0.0
     wrong = figures._figures(figures._Errors(error + 9.0, np.full(6, 0.1), found, visible))

@@ -5,29 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from .mesh_image import INSIDE, table_level, table_slope
-from .pixels import shading_slope
-from .profiles import shade
+from .mesh_image import EDGE, INSIDE, table_level, table_slope
 from .raster import first_triangle, state_of_contour
-
-
-@njit(cache=True, inline="always")
-def add_harmonics(x, y, z, lit, factor, row):  # pragma: no cover - compiled
-    """Add `factor` times the shading basis of a normal, and the share of the one light, to a row."""
-    px, py = np.empty(5), np.empty(5)
-    px[0] = py[0] = 1.0
-    for i in range(1, 5):
-        px[i], py[i] = px[i - 1] * x, py[i - 1] * y
-    column = 0
-    for degree in range(5):
-        for b in range(degree + 1):
-            row[column] += factor * px[degree - b] * py[b]
-            column += 1
-    for degree in range(4):
-        for b in range(degree + 1):
-            row[column] += factor * z * px[degree - b] * py[b]
-            column += 1
-    row[column] += factor * lit
 
 
 @njit(cache=True)
@@ -36,21 +15,21 @@ def dense_rows(
 ):  # pragma: no cover - compiled
     """Residuals (level - expected) / noise of pixels, their Jacobian as far as the surface moves beneath them, and B.
 
-    A pixel inside is its centre; on an edge or beside one it is the mean of `samples` squared points, those beyond the
-    surface being background. At a point the triangle moves beneath it: its shares l of the corners change by
+    A pixel inside is its centre; on an edge or beside one it is the mean of points, `samples` squared of them on an edge and four
+    beside one; those beyond the surface are background. At a point the triangle moves beneath it: its shares l of the corners change by
     `dl = -A^-1 sum l_i dxy_i`, A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one
-    over depth for a pinhole; the albedo is blended by l. B: derivative by the shading's coefficients and the regions'
-    gains. Twin: `surface.dense.rows_numpy`.
+    over depth for a pinhole; the albedo is blended by l. B: derivative by an even light, one that grows with each
+    component of the normal, the one light, and the regions' gains. Twin: `surface.dense.rows_numpy`.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
     dxy, s, ds, n, dn, albedo = vertices
-    shading, gain, table, low, spacing = light
-    size_l = math.sqrt(shading[25] ** 2 + shading[26] ** 2 + shading[27] ** 2)
+    lamp, gain, table, low, spacing = light
+    size_l = math.sqrt(lamp[0] ** 2 + lamp[1] ** 2 + lamp[2] ** 2)
     slope, d, g = np.empty(3), np.empty(3), np.empty(3)
-    wx, wy = np.empty(4), np.empty(4)
-    k, basis = J.shape[1], 26
+    room = np.empty((4, 4))
+    k = J.shape[1]
     for i in range(pixel.shape[0]):
-        count = 1 if kind[i] == INSIDE else samples
+        count = 1 if kind[i] == INSIDE else (samples if kind[i] == EDGE else 2)
         part = 1.0 / (count * count)
         expected = 0.0
         J[i], B[i] = 0.0, 0.0
@@ -80,16 +59,20 @@ def dense_rows(
                 continue
             for q in range(3):
                 d[q] /= size
-            smooth = shading_slope(shading, d[0], d[1], d[2], slope)
-            value = smooth + table_slope(table, low, spacing, d, wx, wy, slope)
+            lit = lamp[0] * d[0] + lamp[1] * d[1] + lamp[2] * d[2]
+            for q in range(3):
+                slope[q] = lamp[q] if lit > 0.0 else 0.0
+            value = max(lit, 0.0) + table_slope(table, low, spacing, d, room, slope)
             factor = gain[region[t]]
             colour = l0 * albedo[a] + l1 * albedo[b] + l2 * albedo[c]
             shown = factor * colour * value
             expected += part * shown
-            lit = shading[25] * d[0] + shading[26] * d[1] + shading[27] * d[2]
             lit = lit / size_l if lit > 0.0 and size_l > 0.0 else 0.0
-            add_harmonics(d[0], d[1], d[2], lit, -part * factor * colour / noise, B[i])
-            B[i, basis + region[t]] -= part * shown / noise
+            share = -part * factor * colour / noise
+            B[i, 0] += share
+            B[i, 1], B[i, 2], B[i, 3] = B[i, 1] + share * d[0], B[i, 2] + share * d[1], B[i, 3] + share * d[2]
+            B[i, 4] += share * lit
+            B[i, 5 + region[t]] -= part * shown / noise
             along = slope[0] * d[0] + slope[1] * d[1] + slope[2] * d[2]
             scale = -part * factor * colour / (noise * size)
             painted = -part * factor * value / noise
@@ -119,7 +102,7 @@ def level_of(hit, triangles, n, albedo, region, light, background, wx, wy):  # p
     k, b0, b1, b2, _ = hit
     if k < 0:
         return background
-    shading, gain, table, low, spacing = light
+    lamp, gain, table, low, spacing = light
     a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
     x = b0 * n[a, 0] + b1 * n[b, 0] + b2 * n[c, 0]
     y = b0 * n[a, 1] + b1 * n[b, 1] + b2 * n[c, 1]
@@ -128,7 +111,8 @@ def level_of(hit, triangles, n, albedo, region, light, background, wx, wy):  # p
     scale = 1.0 / size if size > 0.0 else 0.0
     x, y, z = x * scale, y * scale, z * scale
     factor = gain[region[k]] * (b0 * albedo[a] + b1 * albedo[b] + b2 * albedo[c])
-    return shade(shading, factor, x, y, z) + factor * table_level(table, low, spacing, x, y, z, wx, wy)
+    lit = max(lamp[0] * x + lamp[1] * y + lamp[2] * z, 0.0)
+    return factor * (lit + table_level(table, low, spacing, x, y, z, wx, wy))
 
 
 @njit(cache=True)

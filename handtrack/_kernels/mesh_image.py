@@ -1,12 +1,10 @@
-"""Compiled loops that shade a mesh: a table over normals beside the smooth shading, whole images with soft outlines."""
+"""Compiled loops that shade a mesh: a table over normals beside one light, whole images with soft outlines."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from .pixels import shading_slope
-from .profiles import shade
 from .raster import first_triangle, plane_of
 
 INSIDE, RIM, EDGE = 1, 2, 3
@@ -131,7 +129,7 @@ def classify(triangle, depth, jump, rim, kind):  # pragma: no cover - compiled
 @njit(cache=True, inline="always")
 def shade_point(k, b0, b1, b2, triangles, normal, albedo, region, light, wx, wy):  # pragma: no cover - compiled
     """Grey level at one place of a triangle."""
-    shading, gain, table, low, spacing = light
+    lamp, gain, table, low, spacing = light
     a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
     x = b0 * normal[a, 0] + b1 * normal[b, 0] + b2 * normal[c, 0]
     y = b0 * normal[a, 1] + b1 * normal[b, 1] + b2 * normal[c, 1]
@@ -140,8 +138,8 @@ def shade_point(k, b0, b1, b2, triangles, normal, albedo, region, light, wx, wy)
     scale = 1.0 / size if size > 0.0 else 0.0
     x, y, z = x * scale, y * scale, z * scale
     colour = b0 * albedo[a] + b1 * albedo[b] + b2 * albedo[c]
-    factor = gain[region[k]] * colour
-    return shade(shading, factor, x, y, z) + factor * table_level(table, low, spacing, x, y, z, wx, wy)
+    lit = max(lamp[0] * x + lamp[1] * y + lamp[2] * z, 0.0)
+    return gain[region[k]] * colour * (lit + table_level(table, low, spacing, x, y, z, wx, wy))
 
 
 @njit(cache=True)
@@ -187,84 +185,46 @@ def shade_box(
             image[r, c] = total / (samples * samples)
 
 @njit(cache=True, inline="always")
-def table_slope(table, low, spacing, n, wx, wy, slope):  # pragma: no cover - compiled
-    """Value of the table at a normal; its derivative by the normal, by central differences, is added to `slope`."""
-    h = 1e-4
-    x, y, z = n[0], n[1], n[2]
-    slope[0] += (
-        table_level(table, low, spacing, x + h, y, z, wx, wy) - table_level(table, low, spacing, x - h, y, z, wx, wy)
-    ) / (2.0 * h)
-    slope[1] += (
-        table_level(table, low, spacing, x, y + h, z, wx, wy) - table_level(table, low, spacing, x, y - h, z, wx, wy)
-    ) / (2.0 * h)
-    slope[2] += (
-        table_level(table, low, spacing, x, y, z + h, wx, wy) - table_level(table, low, spacing, x, y, z - h, wx, wy)
-    ) / (2.0 * h)
-    return table_level(table, low, spacing, x, y, z, wx, wy)
+def spline_slope(x, low, spacing, size, weight):  # pragma: no cover - compiled
+    """Derivatives of the four cubic B-splines at x; zero beyond the grid."""
+    at = (x - low) / spacing
+    if at < 1.0 or at > size - 2.000001:
+        weight[0] = weight[1] = weight[2] = weight[3] = 0.0
+        return
+    f = at - int(at)
+    g = 1.0 - f
+    weight[0] = -0.5 * g * g / spacing
+    weight[1] = 0.5 * f * (3.0 * f - 4.0) / spacing
+    weight[2] = -0.5 * g * (3.0 * g - 4.0) / spacing
+    weight[3] = 0.5 * f * f / spacing
 
 
-@njit(cache=True)
-def shaded_pixels(
-    pixel, corner, region, level, noise, vertices, light, r, J, normal, expected
-):  # pragma: no cover - compiled
-    """Residuals (level - expected) / noise of pixels on their triangles, and Jacobian rows.
-
-    The pixel stays, the triangle moves beneath it: its shares l of the corners change by `dl = -A^-1 sum l_i dxy_i`,
-    A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one over depth for a pinhole; the
-    albedo is blended by l. Twin: `surface.pixels.rows_numpy`.
-    """
-    xy, dxy, s, ds, n, dn, albedo = vertices
-    shading, gain, table, low, spacing = light
-    slope, d, g = np.empty(3), np.empty(3), np.empty(3)
-    wx, wy = np.empty(4), np.empty(4)
-    k = J.shape[1]
-    for i in range(pixel.shape[0]):
-        a, b, c = corner[i, 0], corner[i, 1], corner[i, 2]
-        bx, by = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
-        cx, cy = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
-        area = bx * cy - by * cx
-        r[i], expected[i] = 0.0, 0.0
-        J[i] = 0.0
-        normal[i] = 0.0
-        if not abs(area) > 1e-9:
-            continue
-        x, y = pixel[i, 0] - xy[a, 0], pixel[i, 1] - xy[a, 1]
-        l1, l2 = (x * cy - y * cx) / area, (bx * y - by * x) / area
-        l0 = 1.0 - l1 - l2
-        w0, w1, w2 = l0 * s[a], l1 * s[b], l2 * s[c]
-        size = 0.0
-        for q in range(3):
-            d[q] = w0 * n[a, q] + w1 * n[b, q] + w2 * n[c, q]
-            size += d[q] * d[q]
-        size = math.sqrt(size)
-        if size == 0.0:
-            continue
-        for q in range(3):
-            d[q] /= size
-            normal[i, q] = d[q]
-        value = shading_slope(shading, d[0], d[1], d[2], slope)
-        value += table_slope(table, low, spacing, d, wx, wy, slope)
-        factor = gain[region[i]]
-        colour = l0 * albedo[a] + l1 * albedo[b] + l2 * albedo[c]
-        expected[i] = factor * colour * value
-        r[i] = (level[i] - expected[i]) / noise
-        along = slope[0] * d[0] + slope[1] * d[1] + slope[2] * d[2]
-        scale = -factor * colour / (noise * size)
-        painted = -factor * value / noise
-        ga = gb = gc = 0.0
-        for q in range(3):
-            g[q] = (slope[q] - along * d[q]) * scale
-            ga, gb, gc = ga + g[q] * n[a, q], gb + g[q] * n[b, q], gc + g[q] * n[c, q]
-        for j in range(k):
-            mx = l0 * dxy[a, 0, j] + l1 * dxy[b, 0, j] + l2 * dxy[c, 0, j]
-            my = l0 * dxy[a, 1, j] + l1 * dxy[b, 1, j] + l2 * dxy[c, 1, j]
-            d1, d2 = -(mx * cy - my * cx) / area, -(bx * my - by * mx) / area
-            total = ga * (-(d1 + d2) * s[a] + l0 * ds[a, j])
-            total += gb * (d1 * s[b] + l1 * ds[b, j]) + gc * (d2 * s[c] + l2 * ds[c, j])
-            for q in range(3):
-                total += g[q] * (w0 * dn[a, q, j] + w1 * dn[b, q, j] + w2 * dn[c, q, j])
-            total += painted * (d1 * (albedo[b] - albedo[a]) + d2 * (albedo[c] - albedo[a]))
-            J[i, j] = total
+@njit(cache=True, inline="always")
+def table_slope(table, low, spacing, n, room, slope):  # pragma: no cover - compiled
+    """Value of the table at a normal; its derivative by the normal is added to `slope`. `room` is (4, 4)."""
+    wx, wy, dx, dy = room[0], room[1], room[2], room[3]
+    free = 1.0 - n[2] > 0.2
+    scale = math.sqrt(2.0 / max(1.0 - n[2], 0.2))
+    x, y = n[0] * scale, n[1] * scale
+    i = spline_place(x, low, spacing, table.shape[1], wx)
+    j = spline_place(y, low, spacing, table.shape[0], wy)
+    spline_slope(x, low, spacing, table.shape[1], dx)
+    spline_slope(y, low, spacing, table.shape[0], dy)
+    value = by_x = by_y = 0.0
+    for b in range(4):
+        row = along = 0.0
+        for a in range(4):
+            c = table[j + b, i + a]
+            row += c * wx[a]
+            along += c * dx[a]
+        value += row * wy[b]
+        by_x += along * wy[b]
+        by_y += row * dy[b]
+    slope[0] += by_x * scale
+    slope[1] += by_y * scale
+    if free:
+        slope[2] += (by_x * n[0] + by_y * n[1]) * 0.5 * scale / (1.0 - n[2])
+    return value
 
 
 @njit(cache=True)

@@ -37,16 +37,21 @@ def error_figure(track: Track, truth: Truth, model: Model, found: Bounds | None)
     figure = Figure(figsize=(4.2 * min(_COLUMNS, count), 2.3 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, min(_COLUMNS, count), squeeze=False, sharex=True)
     slides = prismatic_joints(model)
+    computed = np.isin(number, found.frame) if found is not None else np.zeros(number.size, dtype=bool)
     for j, axes in enumerate(grid.flat):
         if j >= count:
             axes.set_visible(False)
             continue
         floor = _LEAST * float(np.nanmin(np.concatenate([least[:, j], sigma[:, j]])))
         size = np.abs(error[:, j])
-        axes.semilogy(number, np.where(size > floor, size, np.nan), ".", color="0.55", markersize=3.5, label="size of the error")
+        axes.semilogy(
+            number, np.where(size > floor, size, np.nan), ".", color="0.55", markersize=3.5, label="size of the error"
+        )
         axes.semilogy(number, sigma[:, j], color="#4c78a8", label="sigma")
         if np.isfinite(least[:, j]).any():
-            axes.semilogy(number, least[:, j], color="#e45756", marker="." if number.size < 90 else "", label="bound")
+            axes.semilogy(
+                number[computed], least[computed, j], color="#e45756", marker=".", markersize=3.5, label="bound"
+            )
         elif found is not None:
             axes.text(0.5, 0.04, "unseen: no bound", transform=axes.transAxes, ha="center", color="#e45756")
         axes.set_title(model.joint_names[j], fontsize=10)

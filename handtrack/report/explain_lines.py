@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..across import across
+from ..axes import TOLERANCE
 from ..lines import Line, fit_line
 from ..measure_lines import COUNT
 from ..replay import Replay
 from ..residuals import LineFeatures
 from .explain_evidence import appearance_of
 
-_TOLERANCE = 1.0  # pixels: inliers of a boundary line, as in `measure_lines`
 _BEYOND = 8.0  # pixels that lines are drawn beyond their outermost points
 
 
@@ -52,10 +52,17 @@ def boundaries(past: Replay, view: int) -> Boundaries:
     for row, link in enumerate(links):
         mine = np.flatnonzero(look.found & (look.samplers.link == link))
         for side in (0, 1):
+            own = mine[look.samplers.side[mine] == (-1, 1)[side]]
+            if own.size:  # a method that finds each side by itself
+                points[row, side, : own.size] = look.edges.xy[own]
+                sigma[row, side, : own.size] = look.edges.sigma[own]
+                continue
+            if look.samplers.side[mine].any():
+                continue
             at = look.edges.offset[mine] + wide.edge[mine, side]
             points[row, side, : mine.size] = look.samplers.origin[mine] + at[:, None] * look.samplers.direction[mine]
             sigma[row, side, : mine.size] = np.sqrt(2.0) * look.edges.sigma[mine]
-    line = fit_line(points, sigma, _TOLERANCE)
+    line = fit_line(points, sigma, TOLERANCE)
     return Boundaries(links, points, line.inliers, line)
 
 

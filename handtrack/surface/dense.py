@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._kernels import mesh_dense as kernels
-from ..appearance import harmonics
 from ..camera import Camera, project_with_jacobian
 from .contour import contour_places, place_contour
 from .image import EDGE, INSIDE, Box, box_of, shade_box
@@ -26,6 +25,7 @@ from .skin import Surface, edge_points, vertex_normals
 from .templates import contact_table
 from .view import View, moving_box, moving_triangles, view_of
 
+LIGHTS = 5  # ways in which the light may be off
 _PIECE = 0.5  # pixels of outline taken at a time
 _BLACK, _WHITE = 0.5, 254.5  # grey levels that a sensor may have cut
 _CELL = 12.0  # pixels along a side of a patch
@@ -40,7 +40,8 @@ class Dense:
     r, J : (n,), (n, k)
         Residuals (level - expected) / noise and their derivative by the free joints.
     B : (n, m)
-        Derivative by the coefficients of the shading (25), its light and the gain of each region.
+        Derivative by the light (even, growing with x, y, z of the normal, from its one direction; grey levels) and by
+        the gain of each region.
     row, column, kind : (n,), (n,), (n,)
         Pixel, and INSIDE, RIM or EDGE.
     patch : (n,)
@@ -116,11 +117,11 @@ def dense_rows(
     part = np.ascontiguousarray(image[box.y0 : box.y0 + height, box.x0 : box.x0 + width], dtype=float)
     row, column = np.nonzero(chosen_pixels(surface, box, part, stride))
     kind, level = box.kind[row, column], part[row, column]
-    n, m, plain = row.size, 26 + surface.finger.size, appearance.plain
+    n, m, plain = row.size, LIGHTS + surface.finger.size, appearance.plain
     r, J, B, region = np.empty(n), np.empty((n, u.size)), np.empty((n, m)), np.empty(n, dtype=np.int64)
     motion = vertex_motion(surface, camera, u)
     mesh = (view.mesh.xy, view.mesh.inverse, view.mesh.pinhole, view.mesh.triangles, view.tiles.packed())
-    light = (plain.shading, plain.gain, appearance.table, LOW, SPACING)
+    light = (appearance.light, plain.gain, appearance.table, LOW, SPACING)
     pixel = np.column_stack([column + box.x0, row + box.y0]).astype(float)
     kernels.dense_rows(
         pixel,

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._kernels import mesh_image as kernels
-from ..appearance import SHARP, shade_numpy
+from ..appearance import SHARP
 from ..camera import Camera
 from ..profiles import Samplers
 from .raster import Fragments, probe, smooth_normals
-from .shading import LOW, SPACING, SurfaceAppearance, table_levels
+from .shading import LOW, SPACING, SurfaceAppearance, lit_levels
 from .skin import Surface
 from .view import View
 
@@ -88,7 +88,7 @@ def shade_box(
         view.skin.normal,
         appearance.albedo,
         surface.region,
-        (plain.shading, plain.gain, appearance.table, LOW, SPACING),
+        (appearance.light, plain.gain, appearance.table, LOW, SPACING),
         plain.background,
         appearance.samples,
         image,
@@ -121,11 +121,9 @@ def _levels(
     seen = probe(view.mesh, view.tiles, points)
     normal = smooth_normals(view.skin, view.mesh, seen)
     on = seen.triangle >= 0
-    region = np.where(on, surface.region[seen.triangle], -1)
     colour = (seen.bary * appearance.albedo[view.mesh.triangles[seen.triangle]]).sum(axis=1)
-    level = shade_numpy(appearance.plain, normal, region)
-    level = level + appearance.plain.gain[region] * table_levels(appearance.table, normal)
-    return np.where(on, colour * level, appearance.plain.background)
+    level = appearance.plain.gain[surface.region[seen.triangle]] * colour * lit_levels(appearance, normal)
+    return np.where(on, level, appearance.plain.background)
 
 
 def expected_image(

@@ -18,7 +18,7 @@ from .._kernels import raster as kernels
 from ..camera import Camera, project_camera
 from .skin import Skin
 
-TILE = 8.0  # pixels
+TILE = 6.0  # pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

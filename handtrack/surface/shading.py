@@ -1,14 +1,14 @@
-"""Grey levels of a posed surface in, how it shines out: smooth shading, a table of what that leaves, and albedo.
+"""Grey levels of a posed surface in, how it shines out: one light, a table over the normals, and albedo.
 
 The polynomial and light of `handtrack.appearance` leave a few grey levels where a surface is glossy or seen at a
 grazing angle, and those move edges by a tenth of a pixel. A surface shows every normal many times over, so a table
-over the normals can hold the rest:
+over the normals can hold what one light does not:
 
-    level = gain_link  albedo_vertex  ( shading(n) + T(n) )
+    level = gain_region  albedo_vertex  ( max(n . l, 0) + T(n) )
 
 T is a bicubic spline on the plane that maps normals with equal areas, `(x, y) sqrt(2 / (1 - z))`, the direction to the
-camera in the middle; it is pulled towards zero and towards being smooth, so it says nothing where nothing was seen.
-The albedo of each vertex (dark skin, a dress that ends somewhere) is pulled towards one.
+camera in the middle. Where no grey level was read it is pulled towards a smooth guess: an even light with a highlight
+(`surface.gloss`) if that explains the readings, else the polynomial. The albedo of each vertex (dark skin, a dress that ends somewhere) is pulled towards one.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._kernels import mesh_image as kernels
-from ..appearance import Appearance, shaded
+from ..appearance import Appearance, harmonics
 from ..robust import median
 from .gloss import Gloss, fit_gloss, highlight
 
@@ -37,9 +37,11 @@ class SurfaceAppearance:
     Attributes
     ----------
     plain : Appearance
-        Smooth shading, with a gain for each region of the surface, background, noise and blur.
+        Smooth shading of its own, with a gain for each region of the surface, background, noise and blur.
+    light : (3,)
+        Towards the light, camera axes, times its grey level.
     table : (g, g)
-        Grey levels to add to the shading, over mapped normals.
+        Grey levels to add to the light, over mapped normals.
     albedo : (v,)
         Factor of each vertex.
     spread : float
@@ -51,12 +53,13 @@ class SurfaceAppearance:
     told, count : (v,), (v,)
         What they told of the albedo: sums of weighted ratios and of weights.
     gloss : Gloss or None
-        One light with a highlight, where that explains the surface; `plain` and `table` then hold it.
+        One light with a highlight, as far as it was fitted.
     kept_normal, kept_level : (m, 3), (m,)
         Some readings of the last frames, without gain and albedo.
     """
 
     plain: Appearance
+    light: Float[np.ndarray, " 3"]
     table: Float[np.ndarray, "g g"]
     albedo: Float[np.ndarray, " v"]
     spread: float
@@ -112,8 +115,19 @@ def plain_appearance(plain: Appearance, vertices: int, samples: int = 2) -> Surf
     n = SIZE * SIZE
     ones, nothing = np.ones(vertices), np.zeros(vertices)
     return SurfaceAppearance(
-        plain, np.zeros((SIZE, SIZE)), ones, plain.spread, samples, np.zeros((n, n)), np.zeros(n), nothing, nothing,
-        None, np.zeros((0, 3)), np.zeros(0),
+        plain=plain,
+        light=plain.shading[25:],
+        table=polynomial_table(plain).reshape(SIZE, SIZE),
+        albedo=ones,
+        spread=plain.spread,
+        samples=samples,
+        matrix=np.zeros((n, n)),
+        vector=np.zeros(n),
+        told=nothing,
+        count=nothing,
+        gloss=None,
+        kept_normal=np.zeros((0, 3)),
+        kept_level=np.zeros(0),
     )
 
 
@@ -173,11 +187,15 @@ def _to_table() -> Float[np.ndarray, "n m"]:
     return np.linalg.solve(design.T @ design + 1e-6 * np.eye(SIZE * SIZE), design.T)
 
 
+def lit_levels(appearance: SurfaceAppearance, normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Grey levels of normals before gain and albedo."""
+    return np.maximum(normal @ appearance.light, 0.0) + table_levels(appearance.table, normal)
+
+
 def expected_levels(appearance: SurfaceAppearance, of: Readings) -> Float[np.ndarray, " n"]:
     """What the appearance says of surface points."""
     colour = (of.share * appearance.albedo[of.vertex]).sum(axis=1)
-    smooth = shaded(appearance.plain.shading, of.normal) + table_levels(appearance.table, of.normal)
-    return appearance.plain.gain[of.region] * colour * smooth
+    return appearance.plain.gain[of.region] * colour * lit_levels(appearance, of.normal)
 
 
 def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) -> SurfaceAppearance:
@@ -199,21 +217,21 @@ def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) ->
     kept_normal, kept_level = _kept(before, of.normal[weight > 0.2], right[weight > 0.2])
     gloss = fit_gloss(kept_normal, kept_level, plain.shading[25:], noise, before.gloss) if kept_level.size > 200 else None
     held = gloss is not None and gloss.spread < max(0.9 * plain.spread, 1.2 * noise)
-    shown = _held(plain, gloss) if held else plain
-    prior = gloss_table(gloss) if held else np.zeros(SIZE * SIZE)
-    base = shaded(shown.shading, of.normal)
+    light = gloss.light if held else plain.shading[25:]
+    prior = gloss_table(gloss) if held else polynomial_table(plain)
+    lit = np.maximum(of.normal @ light, 0.0)
     column, splines = table_rows(of.normal)
     matrix, vector = _MEMORY * before.matrix, _MEMORY * before.vector
-    kernels.add_rows(column, splines, right - base, weight * (factor / noise) ** 2, matrix, vector)
+    kernels.add_rows(column, splines, right - lit, weight * (factor / noise) ** 2, matrix, vector)
     whole = np.tril(matrix) + np.tril(matrix, -1).T
     sure = (plain.spread / max(gloss.spread, noise)) ** 2 * _TRUST if held else 1.0
     table = np.linalg.solve(whole + sure * _PRIOR, vector + sure * _PRIOR @ prior).reshape(SIZE, SIZE)
-    smooth = shown.gain[of.region] * (base + table_levels(table, of.normal))
+    smooth = plain.gain[of.region] * (lit + table_levels(table, of.normal))
     albedo, told, count = _albedo(before, of, smooth, noise)
     off = of.level - smooth * (of.share * albedo[of.vertex]).sum(axis=1)
     spread = max(1.4826 * median(np.abs(off)), plain.noise) if off.size else plain.spread
     return SurfaceAppearance(
-        shown, table, albedo, spread, before.samples, matrix, vector, told, count, gloss, kept_normal, kept_level
+        plain, light, table, albedo, spread, before.samples, matrix, vector, told, count, gloss, kept_normal, kept_level
     )
 
 
@@ -226,13 +244,6 @@ def _kept(
         np.concatenate([normal[::stride], before.kept_normal])[:_KEPT],
         np.concatenate([level[::stride], before.kept_level])[:_KEPT],
     )
-
-
-def _held(plain: Appearance, gloss: Gloss) -> Appearance:
-    """Ambient and diffuse light as a smooth shading; the highlight is the table's."""
-    shading = np.zeros(28)
-    shading[0], shading[25:] = gloss.ambient, gloss.light
-    return replace(plain, shading=shading)
 
 
 def _grid_normals() -> Float[np.ndarray, "n 3"]:
@@ -248,8 +259,13 @@ _NORMALS = _grid_normals()
 
 
 def gloss_table(gloss: Gloss) -> Float[np.ndarray, " n"]:
-    """The highlight as a table."""
-    return _TO_TABLE @ highlight(gloss, _NORMALS)
+    """Even light and highlight as a table."""
+    return _TO_TABLE @ (gloss.ambient + highlight(gloss, _NORMALS))
+
+
+def polynomial_table(plain: Appearance) -> Float[np.ndarray, " n"]:
+    """The polynomial of a smooth shading as a table."""
+    return _TO_TABLE @ (harmonics(_NORMALS) @ plain.shading[:25])
 
 
 def _tukey(off: Float[np.ndarray, " n"], noise: float, brightest: float) -> Float[np.ndarray, " n"]:
