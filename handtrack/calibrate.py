@@ -17,14 +17,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .camera import Camera
-from .kinematics import LinkSigmas, Model, forward, link_ends, pose_from_free
-from .pills import Pills, clearance
+from .kinematics import Model
+from .link_shape import PARAMETERS, reshaped, shape_rows, sigmas_from_covariance
 from .residuals import Chain, OutlineFeatures, chain, outline_residuals, stack_features
 from .robust import cauchy_weight, median
 from .settings import Settings
 from .tracker import Image, follow
 
-PARAMETERS = 7  # of a link: length, radius at base and tip, offsets y and z of the base and of the tip
 _LENGTH, _RADIUS, _OFFSET = 0.05, 0.15, 0.12  # prior sigmas: of the length; of the radius; of the radius
 _KIND = np.array([0, 1, 1, 2, 2, 2, 2])  # length, radius, offset
 _NARROWEST = 0.02
@@ -69,61 +68,6 @@ class Sight:
     u: Float[np.ndarray, " k"]
     mean: Float[np.ndarray, " k"]
     prior: Float[np.ndarray, "k k"]
-
-
-def reshaped(model: Model, shape: Float[np.ndarray, "l 7"]) -> Model:
-    """The model with each link's shape changed; what sits at a link's end moves with its length."""
-    prefix, along = model.prefix.copy(), np.array([1.0, 0.0, 0.0])
-    for link, frame in enumerate(model.link_frame):
-        prefix[model.parent == frame, :3, 3] += shape[link, 0] * along
-    base, tip = model.link_base.copy(), model.link_tip.copy()
-    tip[:, 0] += shape[:, 0]
-    base[:, 1:] += shape[:, 3:5]
-    tip[:, 1:] += shape[:, 5:7]
-    radius = np.maximum(model.link_radius + shape[:, 1:3], 0.2 * model.link_radius)
-    return replace(
-        model,
-        prefix=prefix,
-        link_length=model.link_length + shape[:, 0],
-        link_base=base,
-        link_tip=tip,
-        link_radius=radius,
-    )
-
-
-def shape_rows(model: Model, features: OutlineFeatures, u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n p"]:
-    """Derivative of `outline_residuals` by all links' shapes, link after link, in units of sigma."""
-    frames = forward(model, pose_from_free(model, u))
-    base, tip = link_ends(model, frames)
-    link, n = features.link, features.link.size
-    seen = clearance(Pills(base, tip, model.link_radius), link, features.ray[:, :3], features.ray[:, 3:])
-    spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
-    scale = 1.0 / (np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9) * features.sigma)
-    axes = frames[model.link_frame, :3, :3]
-    own = np.einsum("na,nab->nb", seen.normal, axes[link])  # the outward normal in the axes of the own link
-    s = seen.along
-    H = np.zeros((n, model.link_frame.size, PARAMETERS))
-    at = np.arange(n)
-    H[at, link, 0] = -s * own[:, 0]
-    H[at, link, 1], H[at, link, 2] = s - 1.0, -s
-    H[at, link, 3:5] = -(1.0 - s)[:, None] * own[:, 1:]
-    H[at, link, 5:7] = -s[:, None] * own[:, 1:]
-    carried = ancestors(model)[link]
-    H[:, :, 0] -= carried * (seen.normal @ axes[:, :, 0].T)
-    return (H * scale[:, None, None]).reshape(n, -1)
-
-
-def ancestors(model: Model) -> Float[np.ndarray, "l l"]:
-    """1 where the first link sits, over any number of frames, on the end of the second."""
-    carried = np.zeros((model.link_frame.size, model.link_frame.size))
-    number = {int(frame): link for link, frame in enumerate(model.link_frame)}
-    for link, frame in enumerate(model.link_frame):
-        above = int(model.parent[frame])
-        while above >= 0:
-            if above in number:
-                carried[link, number[above]] = 1.0
-            above = int(model.parent[above])
-    return carried
 
 
 def calibrate(
@@ -178,7 +122,7 @@ def calibrate(
         frames=np.array([sight.frame for sight in sights]),
         poses=np.stack([sight.u for sight in sights]),
     )
-    return replace(done, model=replace(reshaped(model, shape), link_sigmas=link_sigmas(done)))
+    return replace(done, model=replace(reshaped(model, shape), link_sigmas=sigmas_from_covariance(done.covariance)))
 
 
 def _prior(model: Model) -> Float[np.ndarray, " p"]:
@@ -261,11 +205,3 @@ def _rows(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"], Float[np.ndarray, "n p"]]:
     r, J = outline_residuals(on, sight.features, sight.u)
     return r, J, shape_rows(on.model, sight.features, sight.u)
-
-
-def link_sigmas(calibration: Calibration) -> tuple[LinkSigmas, ...]:
-    """Standard deviations of every link's shape, as a model file holds them."""
-    sigma = np.sqrt(np.diag(calibration.covariance)).reshape(calibration.shape.shape)
-    return tuple(
-        LinkSigmas(length, (r0, r1), (0.0, by, bz), (0.0, ty, tz)) for length, r0, r1, by, bz, ty, tz in sigma.tolist()
-    )

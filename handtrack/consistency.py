@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .fit import Fit
+from .link_shape import shape_rows, shape_sigmas
 from .residuals import Chain, LineFeatures, OutlineFeatures, Rows
 from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitener
 from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
@@ -57,8 +58,23 @@ def assess(
     shape, suggested = _shape_evidence(known, evidence, found, r, J, H, prior)
     z = np.abs(found.r / found.spread)
     scatter = learn_scatter(known.scatter, r - H @ suggested, J, z, evidence.sigma, evidence.group, K)
-    shaped = shape.eps * (K @ H)
+    shaped = np.hstack([shape.eps * (K @ H), K @ _calibrated(on, features, found.u)])
     return Consistency(scatter, shape, shaped @ shaped.T, known.frames + 1)
+
+
+def _calibrated(
+    on: Sequence[Chain], features: Sequence[OutlineFeatures | LineFeatures], u: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "n p"]:
+    """What one sigma of each shape parameter does to the residuals, where the model file says how well it is known."""
+    sigma = shape_sigmas(on[0].model)
+    rows = [part for part in features if isinstance(part, OutlineFeatures)]
+    if not sigma.any() or len(rows) < len(features):
+        return np.zeros((sum(_count(part) for part in features), 0))
+    return np.concatenate([shape_rows(on[0].model, part, u) for part in rows])[:, sigma > 0.0] * sigma[sigma > 0.0]
+
+
+def _count(part: OutlineFeatures | LineFeatures) -> int:
+    return part.link.size if isinstance(part, OutlineFeatures) else 2 * (part.tip_link.size + part.line_link.size)
 
 
 def _shape_evidence(

@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.calibrate import PARAMETERS, calibrate, link_sigmas, reshaped, shape_rows
+from handtrack.calibrate import calibrate
 from handtrack.cli import main
 from handtrack.formats.model_writing import write_model
 from handtrack.formats.models import read_model
 from handtrack.kinematics import forward, link_ends
+from handtrack.link_shape import PARAMETERS, reshaped, shape_rows, shape_sigmas
 from handtrack.measure import posed
 from handtrack.profiles import place_outline
 from handtrack.residuals import OutlineFeatures, chain, in_world, outline_residuals
@@ -58,7 +59,7 @@ def test_a_wrong_radius_is_found_and_the_pose_gets_right(kind, wrong):
     model = replace(scene.model, link_radius=wrong * scene.model.link_radius)
     settings = Settings(hypotheses=False)
     found = calibrate(pictures, model, [scene.camera], scene.start, settings=settings)
-    sigma = np.array([one.radius for one in link_sigmas(found)])
+    sigma = shape_sigmas(found.model).reshape(-1, PARAMETERS)[:, 1:3]
     error = found.model.link_radius - scene.model.link_radius
     assert np.abs(error).max() < 0.25 * np.abs(model.link_radius - scene.model.link_radius).max()
     assert (np.abs(error) < 4.0 * sigma + 0.05).all()

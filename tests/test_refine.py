@@ -73,7 +73,7 @@ def test_light_and_gains_are_eliminated():
 
 
 def test_a_common_error_of_patches_is_told_from_noise():
-    on, _, _, pixels = seen("orthographic")
+    *_, pixels = seen("orthographic")
     rng = np.random.default_rng(0)
     noise = rng.normal(0.0, 1.5, pixels.link.size)
     s, tau = _patch_scatter(noise, pixels, 0)

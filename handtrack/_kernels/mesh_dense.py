@@ -22,7 +22,7 @@ def dense_rows(
     component of the normal, the one light, and the regions' gains. Twin: `surface.dense.rows_numpy`.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
-    dxy, s, ds, n, dn, albedo = vertices
+    dxy, s, ds, n, dn, albedo, moved = vertices
     lamp, gain, table, low, spacing = light
     size_l = math.sqrt(lamp[0] ** 2 + lamp[1] ** 2 + lamp[2] ** 2)
     slope, d, g = np.empty(3), np.empty(3), np.empty(3)
@@ -81,9 +81,8 @@ def dense_rows(
                 g[q] = (slope[q] - along * d[q]) * scale
                 ga, gb, gc = ga + g[q] * n[a, q], gb + g[q] * n[b, q], gc + g[q] * n[c, q]
             for j in range(k):
-                if dxy[a, 0, j] == 0.0 and dxy[b, 0, j] == 0.0 and dxy[c, 0, j] == 0.0 and dxy[a, 1, j] == 0.0:
-                    if dxy[b, 1, j] == 0.0 and dxy[c, 1, j] == 0.0 and dn[a, 0, j] == 0.0 and dn[b, 0, j] == 0.0:
-                        continue  # a joint that does not move this triangle
+                if not moved[t, j]:
+                    continue
                 mx = l0 * dxy[a, 0, j] + l1 * dxy[b, 0, j] + l2 * dxy[c, 0, j]
                 my = l0 * dxy[a, 1, j] + l1 * dxy[b, 1, j] + l2 * dxy[c, 1, j]
                 d1, d2 = -(mx * cy - my * cx) / area, -(bx * my - by * mx) / area

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from ..calibrate import PARAMETERS, Calibration, calibrate, reshaped
+from ..calibrate import Calibration, calibrate
 from ..errors import InputError
 from ..formats.model_writing import write_model
 from ..kinematics import Model, forward, pose_from_free
+from ..link_shape import PARAMETERS, reshaped
 from ..outlines import silhouettes
 from ..pills import pose_pills
 from ..sequences import Sequence

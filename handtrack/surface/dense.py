@@ -80,6 +80,12 @@ def vertex_motion(surface: Surface, camera: Camera, u: Float[np.ndarray, " k"]) 
     return Motion(d_xy @ dp, s, ds, camera.R @ d_normal)
 
 
+def _moved(surface: Surface, motion: Motion) -> Bool[np.ndarray, "t k"]:
+    """Which free joints move which triangle."""
+    of_vertex = (motion.dxy != 0.0).any(axis=1) | (motion.dn != 0.0).any(axis=1)
+    return of_vertex[surface.triangles].any(axis=1)
+
+
 def chosen_pixels(
     surface: Surface, box: Box, part: Float[np.ndarray, "h w"], stride: int
 ) -> Bool[np.ndarray, "h w"]:
@@ -130,7 +136,7 @@ def dense_rows(
         appearance.samples,
         mesh,
         surface.region,
-        (motion.dxy, motion.s, motion.ds, view.skin.normal, motion.dn, appearance.albedo),
+        (motion.dxy, motion.s, motion.ds, view.skin.normal, motion.dn, appearance.albedo, _moved(surface, motion)),
         light,
         plain.background,
         plain.noise,
