@@ -107,7 +107,9 @@ def learn(
     hits = ray_hits(pills, origin, direction)
     on = hits.pill >= 0
     noise = pixel_noise(image, points, on)
-    return learn_from_samples(hits.normal[on], hits.pill[on], level[on], level[~on], noise, pills.base.shape[0], previous)
+    return learn_from_samples(
+        hits.normal[on], hits.pill[on], level[on], level[~on], noise, pills.base.shape[0], previous
+    )
 
 
 def learn_from_samples(
@@ -248,6 +250,4 @@ def _flat(links: int, background: float, noise: float, level: Float[np.ndarray, 
     brightest = float(level.max()) if level.size else 255.0
     shading = np.zeros(28)
     shading[0] = brightest
-    return Appearance(
-        shading, np.ones(links), background, noise, SHARP, noise, np.zeros((26, 26)), np.zeros(26)
-    )
+    return Appearance(shading, np.ones(links), background, noise, SHARP, noise, np.zeros((26, 26)), np.zeros(26))

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-
 EDGES = ("wssd", "difference", "gaussian", "width", "width-compensated", "plls", "mwplls", "mwplls-iterative")
 
 

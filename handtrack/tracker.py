@@ -25,7 +25,7 @@ from .sharpness import learn_blur
 from .track import LOST, TRACKED, UNCERTAIN, Track
 from .width import widths_in_views
 
-Image = Float[np.ndarray, "h w"]
+Image = Float[np.ndarray, "_h _w"]
 
 _LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found
 _YOUNG = 8  # frames after which the appearance is learnt on every third one

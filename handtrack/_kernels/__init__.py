@@ -21,7 +21,7 @@ from .profiles import shade as shade
 from .residuals import outline_rows as outline_rows
 from .residuals import soften_rows as soften_rows
 from .residuals import whiten_rows as whiten_rows
+from .soft_image import soft_image as soft_image
 from .width import link_widths as link_widths
 from .width import opposite_edges as opposite_edges
 from .width import profile_widths as profile_widths
-from .soft_image import soft_image as soft_image

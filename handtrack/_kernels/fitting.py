@@ -46,9 +46,7 @@ def cholesky_solve(A, g, active, x):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def normal_equations(
-    u, edges, tree, coupling, plain, white, spread, mean, root, A, g
-):  # pragma: no cover - compiled
+def normal_equations(u, edges, tree, coupling, plain, white, spread, mean, root, A, g):  # pragma: no cover - compiled
     """Cost, gradient g, Gauss-Newton matrix A at u; twin: `residuals.WithPrior` of `Robust` of `scatter.Whitened`."""
     ray, slope, link, sigma = edges
     parent, prefix, joint, prismatic, link_frame, link_base, link_tip, radius, moves, joint_frame = tree
@@ -58,7 +56,20 @@ def normal_equations(
     n, k = link.shape[0], u.shape[0]
     r, J_all = np.empty(n), np.empty((n, q.shape[0]))
     outline_rows(
-        ray, slope, link, sigma, frames, link_frame, link_base, link_tip, radius, moves, joint_frame, prismatic, r, J_all
+        ray,
+        slope,
+        link,
+        sigma,
+        frames,
+        link_frame,
+        link_base,
+        link_tip,
+        radius,
+        moves,
+        joint_frame,
+        prismatic,
+        r,
+        J_all,
     )
     J = J_all if plain else J_all @ coupling[0]
     whiten_rows(r, J, v, share, group, s)

@@ -1,22 +1,22 @@
-"""Compiled loops that align a whole image with a mesh: pixel residuals, their Jacobian, and what moving outlines add."""
+"""Compiled loops that align a whole image with a mesh: pixel residuals, their Jacobian, what moving outlines add."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from .mesh_image import EDGE, INSIDE, table_level, table_slope
+from .mesh_image import EDGE, EDGE_POINTS, EDGE_STEP, RIM, RIM_POINTS, RIM_STEP, table_level, table_slope
 from .raster import first_triangle, state_of_contour
 
 
 @njit(cache=True)
 def dense_rows(
-    pixel, kind, level, samples, mesh, region, vertices, light, background, noise, r, J, B, on_region
+    pixel, kind, level, mesh, region, vertices, light, background, noise, r, J, B, on_region
 ):  # pragma: no cover - compiled
     """Residuals (level - expected) / noise of pixels, their Jacobian as far as the surface moves beneath them, and B.
 
-    A pixel inside is its centre; on an edge or beside one it is the mean of points, `samples` squared of them on an edge and four
-    beside one; those beyond the surface are background. At a point the triangle moves beneath it: its shares l of the corners change by
+    A pixel inside is its centre; on an edge or beside one it is the mean over points of it, those beyond the surface
+    being background. At a point the triangle moves beneath it: its shares l of the corners change by
     `dl = -A^-1 sum l_i dxy_i`, A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one
     over depth for a pinhole; the albedo is blended by l. B: derivative by an even light, one that grows with each
     component of the normal, the one light, and the regions' gains. Twin: `surface.dense.rows_numpy`.
@@ -29,14 +29,18 @@ def dense_rows(
     room = np.empty((4, 4))
     k = J.shape[1]
     for i in range(pixel.shape[0]):
-        count = 1 if kind[i] == INSIDE else (samples if kind[i] == EDGE else 2)
-        part = 1.0 / (count * count)
+        count, step = 1, 1
+        if kind[i] == RIM:
+            count, step = RIM_POINTS, RIM_STEP
+        elif kind[i] == EDGE:
+            count, step = EDGE_POINTS, EDGE_STEP
+        part = 1.0 / count
         expected = 0.0
         J[i], B[i] = 0.0, 0.0
         on_region[i] = -1
-        for point in range(count * count):
-            px = pixel[i, 0] - 0.5 + (point % count + 0.5) / count
-            py = pixel[i, 1] - 0.5 + (point // count + 0.5) / count
+        for point in range(count):
+            px = pixel[i, 0] - 0.5 + (point + 0.5) / count
+            py = pixel[i, 1] - 0.5 + (point * step % count + 0.5) / count
             t, _, _, _, _ = first_triangle(px, py, xy, inverse, pinhole, triangles, tiles)
             if t < 0:
                 expected += part * background
@@ -122,7 +126,7 @@ def add_outline(
 
     A piece of outline of `length` pixels that moves outwards by `motion` per unit of a joint turns background into
     surface: the pixel changes by (inside - outside) motion length. `row_of` holds each pixel's row of J, or -1.
-    Twin: `surface.dense.outline_numpy`.
+    It has no plain twin yet.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
     background, noise = rest

@@ -8,6 +8,10 @@ from numba import njit
 from .raster import first_triangle, plane_of
 
 INSIDE, RIM, EDGE = 1, 2, 3
+# Points of a pixel: Fibonacci lattices, which show an edge in any direction as nearly as many grey levels as they have
+# points. (number, step): point i lies at ((i + 1/2) / number, (i step mod number + 1/2) / number).
+RIM_POINTS, RIM_STEP = 5, 3
+EDGE_POINTS, EDGE_STEP = 34, 21
 
 
 @njit(cache=True, inline="always")
@@ -42,7 +46,7 @@ def table_level(table, low, spacing, x, y, z, wx, wy):  # pragma: no cover - com
 
 @njit(cache=True)
 def table_rows(normal, low, spacing, size, column, weight):  # pragma: no cover - compiled
-    """Sixteen columns and values of each normal's row in the table's design; twin: `surface.shading.table_rows_numpy`."""
+    """Sixteen columns and values of a normal's row in the table's design; twin: `surface.shading.table_rows_numpy`."""
     wx, wy = np.empty(4), np.empty(4)
     for n in range(normal.shape[0]):
         x, y, z = normal[n, 0], normal[n, 1], normal[n, 2]
@@ -111,9 +115,9 @@ def classify(triangle, depth, jump, rim, kind):  # pragma: no cover - compiled
                     if r < 0 or c < 0 or r >= height or c >= width:
                         continue
                     other = triangle[r, c]
-                    if (other >= 0) != (k >= 0):
-                        found = EDGE
-                    elif k >= 0 and abs(depth[r, c] - depth[y, x]) > max(jump[k], jump[other]):
+                    if (other >= 0) != (k >= 0) or (
+                        k >= 0 and abs(depth[r, c] - depth[y, x]) > max(jump[k], jump[other])
+                    ):
                         found = EDGE
             kind[y, x] = found
     for y in range(height):
@@ -144,9 +148,9 @@ def shade_point(k, b0, b1, b2, triangles, normal, albedo, region, light, wx, wy)
 
 @njit(cache=True)
 def shade_box(
-    x0, y0, triangle, kind, wanted, mesh, normal, albedo, region, light, background, samples, image
+    x0, y0, triangle, kind, wanted, mesh, normal, albedo, region, light, background, image
 ):  # pragma: no cover - compiled
-    """Grey levels of a box: pixel centres inside, the mean of `samples` squared points on edges and rims.
+    """Grey levels of a box: pixel centres inside, the mean over points of the pixel on edges and rims.
 
     Pixels that are not wanted keep the background. Twin: `surface.image.shade_box_numpy`.
     """
@@ -172,17 +176,18 @@ def shade_box(
                     l0, l1, l2 = l0 / total, l1 / total, l2 / total
                 image[r, c] = shade_point(k, l0, l1, l2, triangles, normal, albedo, region, light, wx, wy)
                 continue
+            points, step = (EDGE_POINTS, EDGE_STEP) if what == EDGE else (RIM_POINTS, RIM_STEP)
             total = 0.0
-            for i in range(samples):
-                y = r + y0 - 0.5 + (i + 0.5) / samples
-                for j in range(samples):
-                    x = c + x0 - 0.5 + (j + 0.5) / samples
-                    k, b0, b1, b2, _ = first_triangle(x, y, xy, inverse, pinhole, triangles, tiles)
-                    if k < 0:
-                        total += background
-                    else:
-                        total += shade_point(k, b0, b1, b2, triangles, normal, albedo, region, light, wx, wy)
-            image[r, c] = total / (samples * samples)
+            for i in range(points):
+                x = c + x0 - 0.5 + (i + 0.5) / points
+                y = r + y0 - 0.5 + (i * step % points + 0.5) / points
+                k, b0, b1, b2, _ = first_triangle(x, y, xy, inverse, pinhole, triangles, tiles)
+                if k < 0:
+                    total += background
+                else:
+                    total += shade_point(k, b0, b1, b2, triangles, normal, albedo, region, light, wx, wy)
+            image[r, c] = total / points
+
 
 @njit(cache=True, inline="always")
 def spline_slope(x, low, spacing, size, weight):  # pragma: no cover - compiled

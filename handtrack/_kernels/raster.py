@@ -27,7 +27,7 @@ def plane_of(xy, a, b, c):  # pragma: no cover - compiled
 def rasterise(xy, inverse, pinhole, triangles, triangle, bary, depth):  # pragma: no cover - compiled
     """Z-buffer of projected triangles: nearest triangle at each pixel centre; twin: `surface.raster.rasterise_numpy`.
 
-    `inverse` holds depth, or 1 / depth for a pinhole, of each vertex. `triangle` comes filled with -1, `depth` with inf.
+    `inverse` holds depth, or 1 / depth for a pinhole, of each vertex. `triangle` comes full of -1, `depth` of inf.
     """
     height, width = triangle.shape
     for k in range(triangles.shape[0]):
@@ -58,7 +58,7 @@ def rasterise(xy, inverse, pinhole, triangles, triangle, bary, depth):  # pragma
 
 @njit(cache=True)
 def count_tiles(xy, triangles, tile, first, columns, rows, x0, y0):  # pragma: no cover - compiled
-    """How many triangles overlap each tile of the image, as running sums in `first`; twin: `surface.raster.tiles_numpy`."""
+    """How many triangles overlap each tile, as running sums in `first`; twin: `surface.raster.tiles_numpy`."""
     first[:] = 0
     for k in range(triangles.shape[0]):
         left, right, top, bottom = tile_span(xy, triangles, k, tile, columns, rows, x0, y0)
@@ -138,7 +138,7 @@ def probe(points, xy, inverse, pinhole, triangles, tiles, triangle, bary, depth)
 
 @njit(cache=True)
 def facing(xy, triangles, front):  # pragma: no cover - compiled
-    """Signed doubled areas in the image, negative for triangles that face the camera; twin: `surface.raster.facing_numpy`."""
+    """Signed doubled areas in the image, negative where the camera is faced; twin: `surface.raster.facing_numpy`."""
     for k in range(triangles.shape[0]):
         a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
         front[k] = (xy[b, 0] - xy[a, 0]) * (xy[c, 1] - xy[a, 1]) - (xy[b, 1] - xy[a, 1]) * (xy[c, 0] - xy[a, 0])
@@ -273,9 +273,7 @@ def expect_contours(
                 values[i, j], parts[i, 0, j], parts[i, 1, j], visible[i, j] = 0.0, 0.0, 0.0, False
             continue
         for j in range(m):
-            k, b0, b1, b2, z = first_triangle(
-                ox + u[j] * dx, oy + u[j] * dy, xy, inverse, pinhole, triangles, tiles
-            )
+            k, b0, b1, b2, z = first_triangle(ox + u[j] * dx, oy + u[j] * dy, xy, inverse, pinhole, triangles, tiles)
             depth[j], hit[j], raw[j], face[j] = z, k >= 0, background, 0.0
             if k >= 0:
                 a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
 
@@ -101,7 +100,7 @@ def contact_points(
 def normal_motion(
     frames, bone_frame, bone, weight, local_normal, moves, joint_frame, prismatic, vertex, normal, J
 ):  # pragma: no cover - compiled
-    """Blended unit normals of vertices and their derivatives by all joints, world axes; twin: `surface.skin.normals_numpy`.
+    """Blended unit normals of vertices, derivatives by all joints, world axes; twin: `surface.skin.normals_numpy`.
 
     A joint turns the part of each bone it moves, `dn = sum w z x (R n_local)`; unit length takes off what is along n.
     """

@@ -273,8 +273,8 @@ def soft_image(
 
     Blocks of `block` pixels, a power of two, far from every outline and crease are represented by their middle, others
     are quartered; a pixel on an edge is cut into `fine` x `fine` squares. Rows of H: six for each link, then, if
-    `light`, those of `add_light`. Pixels beyond 0..255 are cut by the sensor and say nothing. Twin:
-    `soft_image.soft_image_numpy`.
+    `light`, those of `add_light`. Pixels beyond 0..255 are cut by the sensor and say nothing.
+    Twin: `soft_image.soft_image_numpy`.
     """
     height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
     scratch = (

@@ -125,7 +125,9 @@ def _joints(gltf: Gltf, skin: int) -> tuple[tuple[str, ...], Float[np.ndarray, "
     names = tuple(item(gltf, "nodes", node, "name", wanted=str) for node in of_node)
     for i, name in enumerate(names):
         if name not in HAND_JOINTS:
-            gltf.fail(f"nodes[{of_node[i]}].name", f"{name[:40]!r} is no joint of a W3C hand ('wrist', 'thumb-tip', ...)")
+            gltf.fail(
+                f"nodes[{of_node[i]}].name", f"{name[:40]!r} is no joint of a W3C hand ('wrist', 'thumb-tip', ...)"
+            )
         if names.index(name) != i:
             gltf.fail(f"nodes[{of_node[i]}].name", f"{name!r} is given twice; joints are unique")
     world = _world(gltf)[of_node]

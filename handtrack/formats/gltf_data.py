@@ -134,7 +134,8 @@ def _embedded(gltf: Gltf, place: str, uri: str) -> bytes:
 def item(gltf: Gltf, *keys: str | int, wanted: type, default: Any = None) -> Any:
     """The value under nested keys, of the wanted type; the default where the last key is missing, if there is one."""
     value: Any = gltf.content
-    for depth, key in enumerate(keys):
+    names: tuple[Any, ...] = keys
+    for depth, key in enumerate(names):
         last = depth == len(keys) - 1
         missing = not isinstance(value, dict) or key not in value
         if isinstance(key, int):

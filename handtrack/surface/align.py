@@ -166,7 +166,7 @@ def _patches(
 def patch_scatter(
     r: Float[np.ndarray, " n"], patch: Int[np.ndarray, " n"], kind: Int[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """For each pixel: scatter within patches of its kind, and between them, in units of the noise (method of moments)."""
+    """For each pixel: scatter within and between patches of its kind, in units of the noise (method of moments)."""
     s, tau = np.ones(r.size), np.zeros(r.size)
     for which in np.unique(kind):
         at = kind == which

@@ -77,7 +77,7 @@ def contour_places(
 
 
 def contour_edges_numpy(surface: Surface, mesh: Projected) -> Bool[np.ndarray, " e"]:
-    """Which edges of the mesh the outline may run along, in plain NumPy: what the walk of the compiled kernel visits."""
+    """Which edges of the mesh the outline may run along, in plain NumPy: what the compiled walk visits."""
     front = mesh.area < 0.0
     first, second = surface.edge_side.T
     return np.where(second < 0, mesh.area[first] != 0.0, front[first] != front[second])
@@ -107,7 +107,4 @@ def place_contour(
     cap = (along > 1.0) & model.link_is_tip[link]
     side = np.where(cap, 0, np.where(turned > 0.0, 1, -1))
     origin = project_camera(camera, contact)
-    return with_rays(
-        camera, origin, direction, link, np.clip(along, 0.0, 1.0), side, np.where(cap, CAP, SIDE), contact
-    )
-
+    return with_rays(camera, origin, direction, link, np.clip(along, 0.0, 1.0), side, np.where(cap, CAP, SIDE), contact)

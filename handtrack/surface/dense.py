@@ -18,12 +18,11 @@ from jaxtyping import Bool, Float, Int
 from .._kernels import mesh_dense as kernels
 from ..camera import Camera, project_with_jacobian
 from .contour import contour_places, place_contour
-from .image import EDGE, INSIDE, Box, box_of, shade_box
-from .raster import probe
+from .image import EDGE, INSIDE, Box, box_of
 from .shading import LOW, SPACING, SurfaceAppearance
 from .skin import Surface, edge_points, vertex_normals
 from .templates import contact_table
-from .view import View, moving_box, moving_triangles, view_of
+from .view import moving_box, moving_triangles, view_of
 
 LIGHTS = 5  # ways in which the light may be off
 _PIECE = 0.5  # pixels of outline taken at a time
@@ -86,9 +85,7 @@ def _moved(surface: Surface, motion: Motion) -> Bool[np.ndarray, "t k"]:
     return of_vertex[surface.triangles].any(axis=1)
 
 
-def chosen_pixels(
-    surface: Surface, box: Box, part: Float[np.ndarray, "h w"], stride: int
-) -> Bool[np.ndarray, "h w"]:
+def chosen_pixels(surface: Surface, box: Box, part: Float[np.ndarray, "h w"], stride: int) -> Bool[np.ndarray, "h w"]:
     """Every pixel on edges of the moving surface and beside them, every `stride`-th inside, none that is cut off."""
     moving = (box.triangle >= 0) & moving_triangles(surface)[box.triangle]
     grown = moving.copy()
@@ -98,7 +95,9 @@ def chosen_pixels(
     grid = np.zeros(moving.shape, dtype=bool)
     grid[::stride, ::stride] = True
     usable = (part > _BLACK) & (part < _WHITE)
-    return usable & np.where(box.kind == INSIDE, moving & grid, (box.kind > INSIDE) & (moving | (grown & (box.kind == EDGE))))
+    return usable & np.where(
+        box.kind == INSIDE, moving & grid, (box.kind > INSIDE) & (moving | (grown & (box.kind == EDGE)))
+    )
 
 
 def dense_rows(
@@ -133,7 +132,6 @@ def dense_rows(
         pixel,
         kind,
         level,
-        appearance.samples,
         mesh,
         surface.region,
         (motion.dxy, motion.s, motion.ds, view.skin.normal, motion.dn, appearance.albedo, _moved(surface, motion)),
@@ -157,7 +155,9 @@ def dense_rows(
 def _outline(surface, camera, view, u, motion, mesh, light, appearance, row_of, box, J) -> None:
     """Add the outline's part to J."""
     at, length = contour_places(surface, view.mesh, _PIECE, 0.0)
-    dxy = (1.0 - at.share)[:, None, None] * motion.dxy[at.vertex[:, 0]] + at.share[:, None, None] * motion.dxy[at.vertex[:, 1]]
+    dxy = (1.0 - at.share)[:, None, None] * motion.dxy[at.vertex[:, 0]] + at.share[:, None, None] * motion.dxy[
+        at.vertex[:, 1]
+    ]
     samplers = place_contour(surface, view.skin, view.mesh, camera, u, at)
     outwards = (samplers.direction[:, None, :] @ dxy)[:, 0, :]
     kernels.add_outline(

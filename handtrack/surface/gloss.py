@@ -51,7 +51,10 @@ def highlight(of: Gloss, normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, 
 
 
 def fit_gloss(
-    normal: Float[np.ndarray, "n 3"], level: Float[np.ndarray, " n"], light: Float[np.ndarray, " 3"], noise: float,
+    normal: Float[np.ndarray, "n 3"],
+    level: Float[np.ndarray, " n"],
+    light: Float[np.ndarray, " 3"],
+    noise: float,
     before: Gloss | None = None,
 ) -> Gloss:
     """Fit the six numbers.
@@ -69,7 +72,9 @@ def fit_gloss(
     direction = light / size if size > 0.0 else np.array([0.0, 0.0, -1.0])
     high, low = np.percentile(level, [95.0, 10.0])
     found = [
-        _fitted(normal, level, noise, Gloss(low, 0.8 * (high - low) * direction, 0.2 * (high - low), s, high), _FIRST_STEPS)
+        _fitted(
+            normal, level, noise, Gloss(low, 0.8 * (high - low) * direction, 0.2 * (high - low), s, high), _FIRST_STEPS
+        )
         for s in _STARTS
     ]
     return min(found, key=lambda each: each.spread)
@@ -98,7 +103,11 @@ def _fitted(
             trial = x + np.linalg.solve(A + damping * np.diag(A.diagonal() + 1e-6), g)
             left = level - gloss_levels(_gloss(trial, 0.0), normal)
             if float((weight * left * left).sum()) <= cost:
-                x, off, damping = _numbers(_gloss(trial, 0.0) if trial[4] > 0.0 else _gloss(trial, 0.0)), left, 0.2 * damping
+                x, off, damping = (
+                    _numbers(_gloss(trial, 0.0)),
+                    left,
+                    0.2 * damping,
+                )
                 break
             damping *= 10.0
         else:

@@ -1,9 +1,7 @@
 """A posed surface and its appearance in, the image it should give out.
 
 Where a pixel and its eight neighbours show one surface, its grey level is that of its centre; on edges and beside them
-it is the mean over some points of the pixel, `samples` along each side: a camera gathers light over the whole pixel
-(four are enough), a renderer may have taken few points, and the appearance knows which fits better. What the lens
-blurs beyond that is blurred at the end.
+it is the mean over points of the pixel. What the lens blurs beyond that is blurred at the end.
 """
 
 from dataclasses import dataclass
@@ -54,9 +52,7 @@ def box_of(
     width, height = np.maximum(high - low, 0.0).astype(int) + 1
     triangle, depth = np.full((height, width), -1, dtype=np.int64), np.full((height, width), np.inf)
     mesh = view.mesh
-    kernels.fill_depth(
-        mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, int(low[0]), int(low[1]), triangle, depth
-    )
+    kernels.fill_depth(mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, int(low[0]), int(low[1]), triangle, depth)
     kind = np.empty((height, width), dtype=np.int64)
     kernels.classify(triangle, depth, depth_jumps(surface), _RIM_PIXELS, kind)
     return Box(int(low[0]), int(low[1]), triangle, depth, kind)
@@ -90,28 +86,26 @@ def shade_box(
         surface.region,
         (appearance.light, plain.gain, appearance.table, LOW, SPACING),
         plain.background,
-        appearance.samples,
         image,
     )
     return image
 
 
-def shade_box_numpy(
-    surface: Surface, view: View, box: Box, appearance: SurfaceAppearance
-) -> Float[np.ndarray, "h w"]:
+def shade_box_numpy(surface: Surface, view: View, box: Box, appearance: SurfaceAppearance) -> Float[np.ndarray, "h w"]:
     """The same as `shade_box` in plain NumPy: the twin of the compiled kernel."""
-    count = appearance.samples
     image = np.full(box.triangle.shape, appearance.plain.background)
     row, column = np.nonzero(box.kind == INSIDE)
     image[row, column] = _levels(surface, view, appearance, np.column_stack([column + box.x0, row + box.y0]) + 0.0)
-    row, column = np.nonzero(box.kind > INSIDE)
-    centre = np.column_stack([column + box.x0, row + box.y0])
-    total = np.zeros(row.size)
-    for i in range(count):
-        for j in range(count):
-            step = (np.array([j, i]) + 0.5) / count - 0.5
-            total += _levels(surface, view, appearance, centre + step)
-    image[row, column] = total / count**2
+    for kind, points, step in (
+        (RIM, kernels.RIM_POINTS, kernels.RIM_STEP),
+        (EDGE, kernels.EDGE_POINTS, kernels.EDGE_STEP),
+    ):
+        row, column = np.nonzero(box.kind == kind)
+        centre, total = np.column_stack([column + box.x0, row + box.y0]), np.zeros(row.size)
+        for i in range(points):
+            place = (np.array([i, i * step % points]) + 0.5) / points - 0.5
+            total += _levels(surface, view, appearance, centre + place)
+        image[row, column] = total / points
     return image
 
 
@@ -158,9 +152,7 @@ def profile_pixels(box: Box, samplers: Samplers, u: Float[np.ndarray, " m"]) -> 
     return wanted
 
 
-def fragments(
-    view: View, box: Box, row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]
-) -> Fragments:
+def fragments(view: View, box: Box, row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Fragments:
     """What the centres of some pixels of the box show; all must show the surface."""
     mesh, triangle = view.mesh, box.triangle[row, column]
     corner = mesh.triangles[triangle]

@@ -1,4 +1,4 @@
-"""An image and a surface posed in it in, how the surface shines and how its edges are sampled out."""
+"""An image and a surface posed in it in, how the surface shines out."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from ..appearance import learn_from_samples, pixel_noise
 from ..camera import Camera
-from .image import EDGE, INSIDE, RIM, Box, box_of, expected_image, fragments
+from .image import INSIDE, RIM, Box, box_of, expected_image, fragments
 from .raster import smooth_normals
 from .shading import Readings, SurfaceAppearance, expected_levels, learn_shading, plain_appearance
 from .skin import Surface
@@ -17,8 +17,6 @@ from .view import View, moving_box, moving_triangles, view_of
 _BEYOND = 24.0  # pixels around the hand that are taken for background
 _MOST = 3000  # readings of the smooth shading
 _BLACK, _WHITE = 1.5, 253.5  # grey levels that a sensor may have cut
-SAMPLES = (1, 2, 4)  # points along each side of a pixel on an edge, to choose from
-_BETTER = 0.97  # another number of points must leave this much less
 
 
 def learn_surface(
@@ -72,31 +70,8 @@ def _readings(
 def _at_centres(
     surface: Surface, camera: Camera, view: View, box: Box, known: SurfaceAppearance, of: Readings
 ) -> Readings:
-    """Levels of pixels turned into those of their centres: less what area and lens are expected to have made of them."""
+    """Levels of pixels turned into those of their centres: less what area and lens should have made of them."""
     rim = box.kind == RIM
     whole = expected_image(surface, camera, view, known, box, rim)
     made = whole[of.row + box.y0, of.column + box.x0] - expected_levels(known, of)
     return replace(of, level=of.level - np.where(rim[of.row, of.column], made, 0.0))
-
-
-def learn_samples(
-    image: Float[np.ndarray, "h w"],
-    surface: Surface,
-    camera: Camera,
-    u: Float[np.ndarray, " k"],
-    appearance: SurfaceAppearance,
-) -> SurfaceAppearance:
-    """The appearance with the number of points in a pixel that explains its edges best: the median misfit of pixels."""
-    view = view_of(surface, camera, u)
-    low, high = moving_box(surface, camera, view, 4.0)
-    box = box_of(surface, camera, view, low, high)
-    moving = (box.triangle >= 0) & moving_triangles(surface)[box.triangle]
-    row, column = np.nonzero((box.kind == EDGE) & moving)
-    if row.size < 100:
-        return appearance
-    left = []
-    for samples in SAMPLES:
-        should = expected_image(surface, camera, view, replace(appearance, samples=samples), box, box.kind == EDGE)
-        left.append(float(np.median(np.abs((image - should)[row + box.y0, column + box.x0]))))
-    best, now = int(np.argmin(left)), SAMPLES.index(appearance.samples)
-    return replace(appearance, samples=SAMPLES[best]) if left[best] < _BETTER * left[now] else appearance

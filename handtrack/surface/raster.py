@@ -125,7 +125,7 @@ def tiles_numpy(mesh: Projected, camera: Camera, margin: float = 16.0) -> Tiles:
     """The same as `tiled`, in plain NumPy: the twin of the compiled kernels."""
     columns, rows = (int((size + 2.0 * margin) / TILE) + 1 for size in (camera.width, camera.height))
     corner = (mesh.xy + margin)[mesh.triangles]
-    usable = np.isfinite(corner).all(axis=(1, 2))
+    usable: Bool[np.ndarray, " t"] = np.asarray(np.isfinite(corner).all(axis=(1, 2)))
     low = np.floor(np.where(usable[:, None], corner.min(axis=1), 1e12) / TILE)
     high = np.floor(np.where(usable[:, None], corner.max(axis=1), -1e12) / TILE)
     members = [
@@ -141,9 +141,7 @@ def probe(mesh: Projected, tiles: Tiles, points: Float[np.ndarray, "n 2"]) -> Fr
     """What single image points show; nothing outside the tiles."""
     n = points.shape[0]
     triangle, bary, depth = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty(n)
-    kernels.probe(
-        points, mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, tiles.packed(), triangle, bary, depth
-    )
+    kernels.probe(points, mesh.xy, mesh.inverse, mesh.pinhole, mesh.triangles, tiles.packed(), triangle, bary, depth)
     return Fragments(triangle, bary, depth)
 
 

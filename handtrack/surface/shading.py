@@ -8,10 +8,11 @@ over the normals can hold what one light does not:
 
 T is a bicubic spline on the plane that maps normals with equal areas, `(x, y) sqrt(2 / (1 - z))`, the direction to the
 camera in the middle. Where no grey level was read it is pulled towards a smooth guess: an even light with a highlight
-(`surface.gloss`) if that explains the readings, else the polynomial. The albedo of each vertex (dark skin, a dress that ends somewhere) is pulled towards one.
+(`surface.gloss`) if that explains the readings, else the polynomial. The albedo of each vertex (dark skin, a dress that
+ends somewhere) is pulled towards one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,8 +47,6 @@ class SurfaceAppearance:
         Factor of each vertex.
     spread : float
         Standard deviation of grey levels about all of this.
-    samples : int
-        Points along each side of a pixel on an edge.
     matrix, vector : (g g, g g), (g g,)
         What earlier frames told of the table: normal equations, the lower triangle of the matrix.
     told, count : (v,), (v,)
@@ -63,7 +62,6 @@ class SurfaceAppearance:
     table: Float[np.ndarray, "g g"]
     albedo: Float[np.ndarray, " v"]
     spread: float
-    samples: int
     matrix: Float[np.ndarray, "n n"]
     vector: Float[np.ndarray, " n"]
     told: Float[np.ndarray, " v"]
@@ -110,7 +108,7 @@ class Readings:
     column: Int[np.ndarray, " n"]
 
 
-def plain_appearance(plain: Appearance, vertices: int, samples: int = 2) -> SurfaceAppearance:
+def plain_appearance(plain: Appearance, vertices: int) -> SurfaceAppearance:
     """Smooth shading only: an empty table, albedo one."""
     n = SIZE * SIZE
     ones, nothing = np.ones(vertices), np.zeros(vertices)
@@ -120,7 +118,6 @@ def plain_appearance(plain: Appearance, vertices: int, samples: int = 2) -> Surf
         table=polynomial_table(plain).reshape(SIZE, SIZE),
         albedo=ones,
         spread=plain.spread,
-        samples=samples,
         matrix=np.zeros((n, n)),
         vector=np.zeros(n),
         told=nothing,
@@ -153,10 +150,13 @@ def table_rows_numpy(normal: Float[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, 
     first = np.floor(at).astype(int)
     f = at - first
     g = 1.0 - f
-    value = np.stack(
-        [g**3, 3.0 * f * f * (f - 2.0) + 4.0, 3.0 * g * g * (g - 2.0) + 4.0, f**3],
-        axis=-1,
-    ) / 6.0  # (n, 2, 4)
+    value = (
+        np.stack(
+            [g**3, 3.0 * f * f * (f - 2.0) + 4.0, 3.0 * g * g * (g - 2.0) + 4.0, f**3],
+            axis=-1,
+        )
+        / 6.0
+    )  # (n, 2, 4)
     number = first[..., None] - 1 + np.arange(4)
     column = number[:, 1, :, None] * SIZE + number[:, 0, None, :]
     return column.reshape(-1, 16), (value[:, 1, :, None] * value[:, 0, None, :]).reshape(-1, 16)
@@ -215,23 +215,26 @@ def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) ->
     weight = _tukey(off, noise, float(np.abs(of.level).max(initial=1.0)))
     right = of.level / np.maximum(factor, 1e-3)
     kept_normal, kept_level = _kept(before, of.normal[weight > 0.2], right[weight > 0.2])
-    gloss = fit_gloss(kept_normal, kept_level, plain.shading[25:], noise, before.gloss) if kept_level.size > 200 else None
-    held = gloss is not None and gloss.spread < max(0.9 * plain.spread, 1.2 * noise)
-    light = gloss.light if held else plain.shading[25:]
-    prior = gloss_table(gloss) if held else polynomial_table(plain)
+    gloss = (
+        fit_gloss(kept_normal, kept_level, plain.shading[25:], noise, before.gloss) if kept_level.size > 200 else None
+    )
+    if gloss is not None and gloss.spread >= max(0.9 * plain.spread, 1.2 * noise):
+        gloss = None
+    light = plain.shading[25:] if gloss is None else gloss.light
+    prior = polynomial_table(plain) if gloss is None else gloss_table(gloss)
     lit = np.maximum(of.normal @ light, 0.0)
     column, splines = table_rows(of.normal)
     matrix, vector = _MEMORY * before.matrix, _MEMORY * before.vector
     kernels.add_rows(column, splines, right - lit, weight * (factor / noise) ** 2, matrix, vector)
     whole = np.tril(matrix) + np.tril(matrix, -1).T
-    sure = (plain.spread / max(gloss.spread, noise)) ** 2 * _TRUST if held else 1.0
+    sure = 1.0 if gloss is None else (plain.spread / max(gloss.spread, noise)) ** 2 * _TRUST
     table = np.linalg.solve(whole + sure * _PRIOR, vector + sure * _PRIOR @ prior).reshape(SIZE, SIZE)
     smooth = plain.gain[of.region] * (lit + table_levels(table, of.normal))
     albedo, told, count = _albedo(before, of, smooth, noise)
     off = of.level - smooth * (of.share * albedo[of.vertex]).sum(axis=1)
     spread = max(1.4826 * median(np.abs(off)), plain.noise) if off.size else plain.spread
     return SurfaceAppearance(
-        plain, light, table, albedo, spread, before.samples, matrix, vector, told, count, gloss, kept_normal, kept_level
+        plain, light, table, albedo, spread, matrix, vector, told, count, gloss, kept_normal, kept_level
     )
 
 

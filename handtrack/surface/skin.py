@@ -174,9 +174,10 @@ def normals_numpy(
     parts = surface.weight[vertex][..., None] * (bones[..., :3, :3] @ surface.local_normal[vertex][..., None])[..., 0]
     axis = frames[surface.joint_frame, :3, 2] * ~model.prismatic[surface.joint_frame][:, None]
     frame = surface.bone_frame[surface.bone[vertex]]
-    turned = np.cross(axis[None, None], parts[:, :, None]) * (
-        surface.moves[np.maximum(frame, 0)] & (frame >= 0)[..., None]
-    )[..., None]
+    turned = (
+        np.cross(axis[None, None], parts[:, :, None])
+        * (surface.moves[np.maximum(frame, 0)] & (frame >= 0)[..., None])[..., None]
+    )
     normal, J = parts.sum(axis=1), np.swapaxes(turned.sum(axis=1), 1, 2)
     size = np.linalg.norm(normal, axis=1)
     normal = normal / size[:, None]
