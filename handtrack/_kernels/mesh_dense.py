@@ -19,7 +19,7 @@ def dense_rows(
     being background. At a point the triangle moves beneath it: its shares l of the corners change by
     `dl = -A^-1 sum l_i dxy_i`, A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one
     over depth for a pinhole; the albedo is blended by l. B: derivative by an even light, one that grows with each
-    component of the normal, the one light, and the regions' gains. Twin: `surface.dense.rows_numpy`.
+    component of the normal, the one light, and the regions' gains. It has no plain twin yet.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
     dxy, s, ds, n, dn, albedo, moved = vertices

@@ -12,7 +12,7 @@ for single points, at any fraction of a pixel, of the few triangles whose box re
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .._kernels import raster as kernels
 from ..camera import Camera, project_camera
