@@ -102,8 +102,7 @@ def learn(
     Points are taken across every link and just beyond it; those that do not fit (another surface, a wrong pose, a
     highlight) are weighted down by Tukey's function of their residual.
     """
-    points, level = _surface_samples(image, pills, camera, previous.blur if previous else SHARP)
-    origin, direction = rays(camera, points)
+    points, level, origin, direction = surface_samples(image, pills, camera, previous.blur if previous else SHARP)
     hits = ray_hits(pills, origin, direction)
     on = hits.pill >= 0
     noise = pixel_noise(image, points, on)
@@ -146,10 +145,10 @@ def learn_from_samples(
     known = previous and gain[link] * (basis @ previous.shading[:25] + np.maximum(normal @ previous.shading[25:], 0.0))
     weight = _plausible(level, known, background, noise)
     light = _light(normal, level / gain[link], weight, previous.shading[25:] if previous else None)
-    lit = np.maximum(normal @ light, 0.0)
-    design = np.column_stack([basis, lit]) * gain[link, None]
-    weighted = design * weight[:, None]
-    matrix, vector = weighted.T @ design, weighted.T @ level
+    root = np.sqrt(weight)
+    lit, design = np.empty(level.size), np.empty((level.size, _DEGREE.size + 1))
+    _kernels.fill_shading(basis, normal, light, gain, link, root, lit, design)
+    matrix, vector = design.T @ design, design.T @ (root * level)
     if previous is not None:
         matrix, vector = matrix + _MEMORY * previous.normal_matrix, vector + _MEMORY * previous.normal_vector
     solution = np.linalg.solve(matrix + _RIDGE * level.size * np.diag(np.append(_DEGREE**2, 0.0) + 1e-3), vector)
@@ -177,6 +176,16 @@ def _plausible(
     return np.where(residual < cut, (1.0 - (residual / cut) ** 2) ** 2, 0.0)
 
 
+def design_numpy(
+    basis: Float[np.ndarray, "n 25"],
+    normal: Float[np.ndarray, "n 3"],
+    light: Float[np.ndarray, " 3"],
+    scale: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n 26"]:
+    """Rows of the shading model times `scale`, in plain NumPy: the twin of the compiled `fill_shading`."""
+    return np.column_stack([basis, np.maximum(normal @ light, 0.0)]) * scale[:, None]
+
+
 def _light(
     normal: Float[np.ndarray, "n 3"],
     target: Float[np.ndarray, " n"],
@@ -188,7 +197,18 @@ def _light(
     Given which points are lit, level and light are linear; given the light, so is which points are lit.
     """
     light = previous if previous is not None and previous.any() else np.array([0.0, 0.0, -1.0])
-    for _ in range(4 if previous is None else 2):
+    return _kernels.find_light(np.ascontiguousarray(normal), target, weight, light, 4 if previous is None else 2)
+
+
+def light_numpy(
+    normal: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, " n"],
+    weight: Float[np.ndarray, " n"],
+    light: Float[np.ndarray, " 3"],
+    rounds: int,
+) -> Float[np.ndarray, " 3"]:
+    """The light after some rounds in plain NumPy: the twin of the compiled `find_light`."""
+    for _ in range(rounds):
         lit = normal * (normal @ light > 0)[:, None]
         design = np.column_stack([np.ones(target.size), lit])
         weighted = design * weight[:, None]
@@ -199,10 +219,31 @@ def _light(
     return light
 
 
-def _surface_samples(
-    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, blur: float
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Points on and beside every link, with their grey levels."""
+_Samples = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]
+
+
+def surface_samples(image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, blur: float) -> _Samples:
+    """Points on and beside every link, with their grey levels and rays (origin, direction)."""
+    n = pills.base.shape[0] * _ALONG.size * _ACROSS.size
+    out = np.empty((n, 2)), np.empty(n), np.empty((n, 3)), np.empty((n, 3))
+    count = _kernels.surface_points(
+        image,
+        pills.base,
+        pills.tip,
+        pills.radius,
+        camera.kind == "orthographic",
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        camera.distortion,
+        _ALONG,
+        _ACROSS,
+        blur,
+        *out,
+    )
+    return out[0][:count], out[1][:count], out[2][:count], out[3][:count]
+
+
+def surface_samples_numpy(image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, blur: float) -> _Samples:
+    """The same as `surface_samples` in plain NumPy: the twin of the compiled kernel."""
     base, tip = project_camera(camera, pills.base), project_camera(camera, pills.tip)
     axis = tip - base
     length = np.linalg.norm(axis, axis=1)
@@ -214,18 +255,27 @@ def _surface_samples(
     points = (points + (radius[:, None] * share)[:, None, :, None] * across[:, None, None]).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]
     level, inside = sample_points(image, points)
-    return points[inside], level[inside]
+    return points[inside], level[inside], *rays(camera, points[inside])
 
 
 def pixel_noise(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
     """Pixel noise from second differences along rows on the surface, where nothing is clipped at black."""
+    size = np.empty(points.shape[0])
+    chosen = on if on.sum() >= 50 else np.ones(on.size, dtype=np.bool_)
+    return _noise_of(size[: _kernels.second_differences(image, points, chosen, size)])
+
+
+def noise_numpy(image: Float[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], on: Bool[np.ndarray, " n"]) -> float:
+    """The same as `pixel_noise` in plain NumPy: the twin of the compiled kernel."""
     at = np.rint(points[on] if on.sum() >= 50 else points).astype(int)
     at = at[(at[:, 0] >= 1) & (at[:, 0] < image.shape[1] - 1) & (at[:, 1] >= 0) & (at[:, 1] < image.shape[0])]
-    if at.shape[0] < 10:
-        return 1.0
     x, y = at.T
-    second = image[y, x - 1] - 2.0 * image[y, x] + image[y, x + 1]
-    size = np.abs(second)
+    return _noise_of(np.abs(image[y, x - 1] - 2.0 * image[y, x] + image[y, x + 1]).astype(float))
+
+
+def _noise_of(size: Float[np.ndarray, " n"]) -> float:
+    if size.size < 10:
+        return 1.0
     # The mean, cut where edges begin: a median of whole grey levels would move in steps of 0.6.
     typical = float(np.minimum(size, 4.0 * max(median(size), 1.0)).mean())
     return max(typical * np.sqrt(np.pi / 2.0) / np.sqrt(6.0), 0.29)

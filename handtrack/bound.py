@@ -22,13 +22,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .appearance import Appearance, learn
-from .kinematics import Model, forward, link_ends, point_jacobian
+from .kinematics import Model, forward
 from .measure import look
 from .pills import pose_pills
 from .residuals import Chain
 from .settings import Settings
 from .sharpness import learn_blur
 from .soft_image import SoftImage, ray_grid, soft_image
+from .synthesis import link_twists
 
 Image = Float[np.ndarray, "h w"]
 
@@ -153,16 +154,6 @@ def _told_of_light(soft: SoftImage, G: Float[np.ndarray, "m k"]) -> Float[np.nda
     kept = value > _NULL
     along = (cross @ vector[:, kept]) / np.sqrt(value[kept])
     return along @ along.T
-
-
-def link_twists(on: Chain, frames: Float[np.ndarray, "f 4 4"]) -> Float[np.ndarray, "m j"]:
-    """Derivative of every link's twist in camera axes by all joint values: rows base velocity, angular velocity."""
-    model, R = on.model, on.camera.R
-    base, _ = link_ends(model, frames)
-    velocity = R @ point_jacobian(model, frames, model.link_frame, base)
-    axis = (frames[on.joint_frame, :3, 2] * ~model.prismatic[on.joint_frame][:, None]).T
-    turning = R @ (axis * on.moves[model.link_frame][:, None, :])
-    return np.concatenate([velocity, turning], axis=1).reshape(-1, len(model.joint_names))
 
 
 def least_sigma(model: Model, information: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " j"]:

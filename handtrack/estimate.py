@@ -16,12 +16,12 @@ from .edges import BORDER
 from .fit import Fit, fit
 from .measure import Look, look
 from .measure_lines import look_lines
-from .pixels import surface_pixels
 from .refine import refine
 from .residuals import Chain, Rows, rows, stack_features, stack_rows
 from .scatter import Whitener, whitener
 from .settings import Settings
 from .smooth import KalmanState
+from .synthesis import Unmodelled
 
 _REST, _REST_AT_ONCE = (
     0.08,
@@ -63,6 +63,8 @@ class Estimate:
         Scatter and shape error with this frame learnt.
     widen : float
         How much wider than predicted the search had to be.
+    unmodelled : tuple of Unmodelled
+        What refinement learnt of the errors of surface and shape, in each view.
     """
 
     u: Float[np.ndarray, " k"]
@@ -75,6 +77,7 @@ class Estimate:
     residual: float
     consistency: Consistency
     widen: float
+    unmodelled: tuple[Unmodelled, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +89,7 @@ class Known:
     appearance: tuple[Appearance, ...]
     consistency: Consistency
     stored: tuple[Float[np.ndarray, "n m"] | None, ...]
+    unmodelled: tuple[Unmodelled, ...] = ()
 
 
 _Done = tuple[tuple[Look, ...], Rows, Whitener, Fit, Float[np.ndarray, "k k"]]  # what one round of the loop leaves
@@ -157,32 +161,21 @@ def estimate(
     if done is None:
         nothing = np.zeros_like(prior.covariance)
         return Estimate(prior.mean, prior.covariance, nothing, prior, seen, None, None, 0.0, known.consistency, widen)
-    if known.settings.refine and known.settings.residuals == "outline":
-        done = _refined(images, known, prior, done)
     seen, evidence, white, found, covariance = done
+    unmodelled = known.unmodelled or (Unmodelled(),) * len(known.on)
+    if known.settings.refine and known.settings.residuals == "outline":
+        refined = refine(
+            images, known.on, evidence, white, known.appearance, unmodelled, found.u, prior.mean, prior.information
+        )
+        found, unmodelled = refined.fit, refined.unmodelled
+        covariance = np.linalg.inv(found.information + prior.information)
     u = found.u
     features = [view.features for view in seen]
     consistency = assess(known.consistency, known.on, features, evidence, white, found, covariance, prior.covariance)
     pixels = float(np.sqrt(np.mean((evidence.residual(u)[0] * evidence.sigma) ** 2)))
-    return Estimate(u, covariance, found.information, prior, seen, found, evidence, pixels, consistency, widen)
-
-
-def _refined(images: Sequence[Float[np.ndarray, "h w"]], known: Known, prior: Prior, done: _Done) -> _Done:
-    """One more look with denser samplers, then edges and pixels in one solve."""
-    _, _, _, found, covariance = done
-    dense = replace(known, settings=replace(known.settings, spacing=known.settings.refine_spacing))
-    seen = _look(images, dense, found.u, covariance, 1.0, (None,) * len(known.on))
-    evidence = _evidence(known.on, seen)
-    if evidence.sigma.size < _LEAST_ROWS:
-        return done
-    scatter = known.consistency.scatter
-    white = whitener(evidence.sigma, evidence.group, scatter)
-    pixels = [
-        surface_pixels(image, on, view.pills, its.blur)
-        for image, on, view, its in zip(images, known.on, seen, known.appearance, strict=True)
-    ]
-    found = refine(known.on, evidence, white, pixels, known.appearance, found.u, prior.mean, prior.information)
-    return seen, evidence, white, found, np.linalg.inv(found.information + prior.information)
+    return Estimate(
+        u, covariance, found.information, prior, seen, found, evidence, pixels, consistency, widen, unmodelled
+    )
 
 
 def _expected(seen: Sequence[Look]) -> int:

@@ -62,13 +62,26 @@ def fit(
         Fit twice, the second time with the robust scale of the first: for the first look at a frame, whose residuals at
         the start are mostly error of the prediction.
     """
+    if isinstance(features, OutlineFeatures) and settings.solver == "levenberg-marquardt" and features.link.size:
+        return _compiled(on, features, white, u, mean, root, rescale)
+    return fit_numpy(on, evidence, white, u, mean, root, settings, rescale)
+
+
+def fit_numpy(
+    on: Chain,
+    evidence: Rows,
+    white: Whitener,
+    u: Float[np.ndarray, " k"],
+    mean: Float[np.ndarray, " k"],
+    root: Float[np.ndarray, "k k"],
+    settings: Settings,
+    rescale: bool,
+) -> Fit:
+    """The same as `fit` in plain NumPy, for any kind of residual and any solver: the twin of the compiled kernel."""
     edges = Whitened(evidence.residual, white)
     spread = max(1.0, 1.4826 * median(np.abs(edges(u)[0])))
     for again in (rescale, False):
-        if isinstance(features, OutlineFeatures) and settings.solver == "levenberg-marquardt":
-            u = _compiled(on, features, white, spread, u, mean, root)
-        else:
-            u = _solved(on, edges, spread, u, mean, root, settings)
+        u = _solved(on, edges, spread, u, mean, root, settings)
         r, J = edges(u)
         before, spread = spread, max(1.0, 1.4826 * median(np.abs(r)))
         if not again or before < 1.3 * spread:
@@ -81,39 +94,30 @@ def _compiled(
     on: Chain,
     features: OutlineFeatures,
     white: Whitener,
-    spread: float,
     u: Float[np.ndarray, " k"],
     mean: Float[np.ndarray, " k"],
     root: Float[np.ndarray, "k k"],
-) -> Float[np.ndarray, " k"]:
+    rescale: bool,
+) -> Fit:
     m = on.model
-    limits = m.limits[m.free]
-    return _kernels.fit_outline(
+    low, high = m.limits[m.free].T
+    tree = m.parent, m.prefix, m.joint, m.prismatic, m.link_frame, m.link_base, m.link_tip, m.link_radius
+    u, r, J, weight, spread, information = _kernels.fit_frame(
         u,
         (features.ray, features.slope, features.link, features.sigma),
-        (
-            m.parent,
-            m.prefix,
-            m.joint,
-            m.prismatic,
-            m.link_frame,
-            m.link_base,
-            m.link_tip,
-            m.link_radius,
-            on.moves,
-            on.joint_frame,
-        ),
+        (*tree, on.moves, on.joint_frame),
         (m.coupling, m.coupling_offset),
         on.plain,
         (white.v, white.share, white.group, white.s),
-        spread,
         mean,
         np.ascontiguousarray(root),
-        np.ascontiguousarray(limits[:, 0]),
-        np.ascontiguousarray(limits[:, 1]),
+        np.ascontiguousarray(low),
+        np.ascontiguousarray(high),
         _STEPS,
         _TOLERANCE,
-    )[0]
+        rescale,
+    )
+    return Fit(u, r, J, weight, float(spread), information)
 
 
 def _solved(

@@ -11,18 +11,21 @@ from a start on the other side, and kept if the outline is the same and the join
 link ends in the next is no part of the outline: bones of a finger may shorten and lengthen in turns.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from .camera import Camera, camera_from_world
-from .kinematics import forward, link_ends, pose_from_free
+from . import _kernels
+from .camera import Camera
+from .kinematics import Model
+from .measure import posed_with_frames
 from .pills import Pills
 from .profiles import place_outline
 from .residuals import Chain, OutlineFeatures, in_world, outline_residuals
-from .solve import solve
 
 NEAR = np.radians(25.0)  # largest angle with the image plane
 _APART = np.radians(2.5)  # folds closer than this are not followed apart
@@ -35,6 +38,8 @@ _HOPEFUL = 2.5  # pixels between the outlines from which a solution is sought
 _SPACING = 12.0
 _MOST = 3
 _STEPS = 10
+_NOT_ROBUST = 1e3  # pixels: a scale at which no distance is an outlier
+_HELD = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,8 +146,7 @@ def _if_the_same(
         return None
     limits = on.model.limits[on.model.free]
     other = np.where(variable, np.clip(start, limits[:, 0], limits[:, 1]), u)
-    off = outline_residuals(on, features, other)[0]
-    return other if np.sqrt(np.mean(off**2)) < _CLOSE_SAME else None
+    return other if _apart(on, features, other) < _CLOSE_SAME else None
 
 
 def depth_angles(
@@ -169,42 +173,78 @@ def _starts(
 ) -> Iterator[tuple[Float[np.ndarray, " k"], Bool[np.ndarray, " k"], OutlineFeatures]]:
     """Poses on the other side to solve from, the joints that may move, and the outline to keep."""
     model = on.model
-    # The sum of the joints' sigmas is more than any link's angle can have: most frames end here.
-    sigma_q = np.sqrt((model.coupling @ covariance * model.coupling).sum(axis=1))
-    reach = _PLAUSIBLE * (on.moves[model.link_frame] @ np.where(model.prismatic[on.joint_frame], 0.0, sigma_q))
-    if not (reach > _CLOSE).any():
-        return
-    frames = forward(model, pose_from_free(model, u))
-    base, tip = (camera_from_world(on.camera, end) for end in link_ends(model, frames))
-    z = np.where(model.prismatic[on.joint_frame, None], 0.0, frames[on.joint_frame, :3, 2]) @ on.camera.R.T
-    moves = on.moves[model.link_frame]
+    frames, pills = posed_with_frames(on, u)
+    base, tip = pills.base, pills.tip
     outline: OutlineFeatures | None = None
     # Each link with those beyond it, up to the end of its finger, then each by itself.
-    for end, far in ((_far_end(on, tip), True), (tip, False)):
-        angle = depth_angles(on.camera, base, end)
-        size = np.abs(2.0 * angle)
-        near = (size < 2.0 * NEAR) & (size > _CLOSE) & (size < reach) & ((end != tip).any(axis=1) | (not far))
-        if not near.any():
-            continue
-        deeper, sideways = _slopes(on, z, moves, base, end)
-        spread = np.sqrt(np.maximum((deeper @ covariance * deeper).sum(axis=1), 0.0))
-        for link in np.flatnonzero(near & (size < _PLAUSIBLE * spread)).tolist():
+    for end, far in ((tip[_far_link(model)], True), (tip, False)):
+        allowed = (end != tip).any(axis=1) | (not far)
+        angle, chosen, deeper, sideways = _screen(on, frames[0], base, end, allowed, covariance)
+        for link in np.flatnonzero(chosen).tolist():
             variable, inside = _variables(on, link)
-            own = variable & (moves[link].astype(float) @ (model.coupling != 0.0) > 0.0)
+            own = variable & (on.moves[model.link_frame[link]].astype(float) @ (model.coupling != 0.0) > 0.0)
             if not own.any():
                 continue
-            outline = _outline(on, base, tip) if outline is None else outline
-            turn = np.linalg.lstsq(
-                np.stack([deeper[link], sideways[link]])[:, own], [-2.0 * angle[link], 0.0], rcond=0.05
-            )[0]
+            outline = _outline(on, pills) if outline is None else outline
             start = u.copy()
-            start[own] += turn
+            start[own] += least_turn(deeper[link, own], sideways[link, own], -2.0 * float(angle[link]))
             yield start, variable, _part(outline, inside)
             if not far and inside.sum() > 1:  # those beyond keep their direction
                 wanted = np.where(np.arange(angle.size) == link, -2.0 * angle, 0.0)[inside]
                 start = u.copy()
                 start[variable] += np.linalg.lstsq(deeper[np.ix_(inside, variable)], wanted, rcond=0.05)[0]
                 yield start, variable, _part(outline, inside)
+
+
+_Screened = tuple[Float[np.ndarray, " l"], Bool[np.ndarray, " l"], Float[np.ndarray, "l k"], Float[np.ndarray, "l k"]]
+
+
+def _screen(
+    on: Chain,
+    frames: Float[np.ndarray, "f 4 4"],
+    base: Float[np.ndarray, "l 3"],
+    end: Float[np.ndarray, "l 3"],
+    allowed: Bool[np.ndarray, " l"],
+    covariance: Float[np.ndarray, "k k"],
+) -> _Screened:
+    """Angles with the image plane, which of the allowed links may be folded, and their rows of `_slopes`."""
+    model = on.model
+    return _kernels.screen_folds(
+        base,
+        end,
+        allowed,
+        frames,
+        on.joint_frame,
+        model.prismatic[on.joint_frame],
+        on.camera.R,
+        on.camera.kind == "orthographic",
+        on.moves[model.link_frame],
+        model.coupling,
+        np.ascontiguousarray(covariance),
+        (NEAR, _CLOSE, _PLAUSIBLE),
+    )
+
+
+def screen_numpy(
+    on: Chain,
+    frames: Float[np.ndarray, "f 4 4"],
+    base: Float[np.ndarray, "l 3"],
+    end: Float[np.ndarray, "l 3"],
+    allowed: Bool[np.ndarray, " l"],
+    covariance: Float[np.ndarray, "k k"],
+) -> _Screened:
+    """The same as `_screen` in plain NumPy, with rows for every link: the twin of the compiled kernel."""
+    model = on.model
+    slides, moves = model.prismatic[on.joint_frame], on.moves[model.link_frame]
+    sigma = np.sqrt(np.maximum((model.coupling @ covariance * model.coupling).sum(axis=1), 0.0))
+    reach = _PLAUSIBLE * (moves @ np.where(slides, 0.0, sigma))
+    z = np.where(slides[:, None], 0.0, frames[on.joint_frame, :3, 2]) @ on.camera.R.T
+    angle = depth_angles(on.camera, base, end)
+    size = np.abs(2.0 * angle)
+    deeper, sideways = _slopes(on, z, moves, base, end)
+    spread = np.sqrt(np.maximum((deeper @ covariance * deeper).sum(axis=1), 0.0))
+    near = (size < 2.0 * NEAR) & (size > _CLOSE) & (size < reach) & (size < _PLAUSIBLE * spread)
+    return angle, allowed & near, deeper, sideways
 
 
 def _slopes(
@@ -221,27 +261,44 @@ def _slopes(
     axis = end - base
     length = np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
     axis, sight = axis / length, _sight(on.camera, base, end)
-    flat = _cross(axis, sight)
+    flat = np.cross(axis, sight)
     flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
-    return (flat @ z.T * moves) @ on.model.coupling, (_cross(axis, flat) @ z.T * moves) @ on.model.coupling
+    return (flat @ z.T * moves) @ on.model.coupling, (np.cross(axis, flat) @ z.T * moves) @ on.model.coupling
 
 
-def _cross(a: Float[np.ndarray, "l 3"], b: Float[np.ndarray, "l 3"]) -> Float[np.ndarray, "l 3"]:
-    """`np.cross`, which takes longer to see what it was given than to multiply."""
-    x, y = a[:, [1, 2, 0]], b[:, [1, 2, 0]]
-    return (a * y - x * b)[:, [1, 2, 0]]
+def least_turn(
+    deeper: Float[np.ndarray, " v"], sideways: Float[np.ndarray, " v"], angle: float
+) -> Float[np.ndarray, " v"]:
+    """The smallest change x of the joints with `deeper @ x = angle` and `sideways @ x = 0`, as far as they can.
+
+    The pseudoinverse of two rows by the eigenvectors of their 2 x 2 products; singular values below a twentieth of the
+    larger one count as zero.
+
+    >>> least_turn(np.array([1.0, 0.0]), np.array([0.0, 0.5]), 0.2).tolist()
+    [0.2, 0.0]
+    """
+    a, b, c = float(deeper @ deeper), float(deeper @ sideways), float(sideways @ sideways)
+    half, middle = math.hypot(0.5 * (a - c), b), 0.5 * (a + c)
+    large, small = middle + half, middle - half
+    if large <= 0.0:
+        return np.zeros_like(deeper)
+    turn = 0.5 * math.atan2(2.0 * b, a - c)
+    x, y = math.cos(turn), math.sin(turn)  # eigenvector of the larger; the other is (-y, x)
+    one, two = angle * x / large, -angle * y / small if small > 0.05**2 * large else 0.0
+    return (one * x - two * y) * deeper + (one * y + two * x) * sideways
 
 
-def _far_end(on: Chain, tip: Float[np.ndarray, "l 3"]) -> Float[np.ndarray, "l 3"]:
-    """Tip of the finger that each link leads to: of the last link beyond it."""
-    out = tip.copy()
-    parent = on.model.link_parent
-    for link in range(tip.shape[0] - 1, -1, -1):  # parents come before their children
-        if parent[link] >= 0:
-            out[parent[link]] = out[link]
+@lru_cache(maxsize=16)
+def _far_link(model: Model) -> Int[np.ndarray, " l"]:
+    """The last link of the finger that each link leads to."""
+    out = np.arange(model.link_parent.size)
+    for link in range(out.size - 1, -1, -1):  # parents come before their children
+        if model.link_parent[link] >= 0:
+            out[model.link_parent[link]] = out[link]
     return out
 
 
+@lru_cache(maxsize=512)
 def _variables(on: Chain, link: int) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " l"]]:
     """Independent joints that move this link or those beyond it and nothing else, and these links."""
     model = on.model
@@ -253,9 +310,8 @@ def _variables(on: Chain, link: int) -> tuple[Bool[np.ndarray, " k"], Bool[np.nd
     return moves[inside].any(axis=0) & ~moves[~inside].any(axis=0), inside
 
 
-def _outline(on: Chain, base: Float[np.ndarray, "l 3"], tip: Float[np.ndarray, "l 3"]) -> OutlineFeatures:
+def _outline(on: Chain, pills: Pills) -> OutlineFeatures:
     """Points all along the outline of the pose, one pixel sure."""
-    pills = Pills(base, tip, on.model.link_radius)
     at = place_outline(pills, on.camera, on.model.link_is_tip, _SPACING)
     return OutlineFeatures(*in_world(on.camera, at.ray, at.slope), at.link, np.ones(at.link.size))
 
@@ -273,23 +329,34 @@ def _solved(
     features: OutlineFeatures,
 ) -> Float[np.ndarray, " k"] | None:
     """The pose next to `start` with the outline of `u`, or None if there is none."""
-    if not features.link.size:
+    m, limits = on.model, on.model.limits[on.model.free]
+    low, high = np.where(variable, limits[:, 0], u), np.where(variable, limits[:, 1], u)
+    first = np.clip(start, low, high)
+    if not features.link.size or not _apart(on, features, first) < _HOPEFUL:
         return None
+    n = features.link.size
+    found, _ = _kernels.fit_outline(
+        first,
+        (features.ray, features.slope, features.link, features.sigma),
+        (
+            *(m.parent, m.prefix, m.joint, m.prismatic, m.link_frame, m.link_base, m.link_tip, m.link_radius),
+            *(on.moves, on.joint_frame),
+        ),
+        (m.coupling, m.coupling_offset),
+        on.plain,
+        (np.zeros(n), np.zeros(1), np.zeros(n, dtype=np.int64), 1.0),  # errors are independent
+        _NOT_ROBUST,
+        first,
+        _HELD * np.eye(first.size),  # joints that no point tells stay where they start
+        low,
+        high,
+        _STEPS,
+        1e-4,
+    )
+    return found if _apart(on, features, found) < _SAME else None
 
-    def residual(part: Float[np.ndarray, " v"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m v"]]:
-        v = u.copy()
-        v[variable] = part
-        r, J = outline_residuals(on, features, v)
-        return r, J[:, variable]
 
-    limits = on.model.limits[on.model.free][variable]
-    first = np.clip(start[variable], *limits.T)
-    if not np.sqrt(np.mean(residual(first)[0] ** 2)) < _HOPEFUL:
-        return None
-    bounds = limits if np.isfinite(limits).any() else None
-    found = solve(residual, first, bounds=bounds, max_steps=_STEPS, tolerance=1e-4)
-    if not np.sqrt(np.mean(found.residual**2)) < _SAME:
-        return None
-    out = u.copy()
-    out[variable] = found.x
-    return out
+def _apart(on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]) -> float:
+    """Root mean square distance of the outline's points from that of another pose, pixels."""
+    r = outline_residuals(on, features, u)[0]
+    return math.sqrt(float(r @ r) / r.size)

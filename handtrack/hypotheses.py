@@ -170,7 +170,9 @@ def frame_cost(
     # Against the usual cost of an edge: a pose is no better for showing fewer of them.
     cost += _EDGES * (float((loss(found.fit.r[own], spread) - _USUAL).sum()) + _MISSING * missing)
     views = zip(images, known.on, known.appearance, strict=True)
-    return cost + sum(float(shading_cost(image, on, found.u, its)[compared].sum()) for image, on, its in views)
+    return cost + sum(
+        float(shading_cost(image, on, found.u, its, compared)[compared].sum()) for image, on, its in views
+    )
 
 
 def in_question(on: Chain, u: Float[np.ndarray, "m k"]) -> Bool[np.ndarray, " l"]:

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from . import _kernels
 from .across import polygon_windows
 from .appearance import Appearance
 from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
 from .kinematics import forward, pose_from_free
 from .pills import Pills, pose_pills
 from .profiles import Profiles, Samplers, place_outline, sample
-from .residuals import Chain, LineFeatures, OutlineFeatures, in_world, outline_residuals
+from .residuals import Chain, LineFeatures, OutlineFeatures, in_world, outline_residuals_numpy, turned_rays
 from .settings import Settings
 from .templates import Templates, expect, positions
 
@@ -51,7 +52,20 @@ class Look:
 
 def posed(on: Chain, u: Float[np.ndarray, " k"]) -> Pills:
     """Pills in camera axes at the independent joint values u."""
+    return posed_with_frames(on, u)[1]
+
+
+def posed_numpy(on: Chain, u: Float[np.ndarray, " k"]) -> Pills:
+    """The same as `posed` step by step: the twin of the compiled kernel."""
     return pose_pills(on.model, forward(on.model, pose_from_free(on.model, u)), on.camera)
+
+
+def posed_with_frames(on: Chain, u: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, "1 f 4 4"], Pills]:
+    """Frames in the world, and pills in camera axes."""
+    m, camera = on.model, on.camera
+    tree = m.parent, m.prefix, m.joint, m.prismatic, m.link_frame, m.link_base, m.link_tip
+    frames, base, tip = _kernels.pose_links(*tree, pose_from_free(m, u), camera.R, camera.t)
+    return frames, Pills(base, tip, m.link_radius)
 
 
 def look(
@@ -73,9 +87,9 @@ def look(
     before : Look
         An earlier look from a pose so close that its templates still hold.
     """
-    pills = posed(on, u)
+    frames, pills = posed_with_frames(on, u)
     samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing, *_counts(settings.spacing))
-    spread = _predicted_spread(on, samplers, u, covariance)
+    spread = _predicted_spread(on, samplers, frames, covariance)
     reach = np.clip(widen * (3.0 * spread + 1.0), LEAST_REACH, MOST_REACH)
     farthest = float(reach.max(initial=LEAST_REACH))
     step = 0.5 if farthest <= _COARSE else 1.0
@@ -91,9 +105,7 @@ def look(
     edges = find_edges(samplers, templates, profiles, reach, widen * spread + 0.5, appearance.noise, appearance.spread)
     found = edges.reason == FOUND
     expected = (edges.reason != HIDDEN) & (edges.reason != JOINT) & (edges.reason != OUTSIDE)
-    slope = samplers.slope[found]
-    ray, slope = in_world(on.camera, samplers.ray[found] + edges.offset[found, None] * slope, slope)
-    features = OutlineFeatures(ray, slope, samplers.link[found], edges.sigma[found])
+    features = turned_rays(on.camera, samplers.ray, samplers.slope, edges.offset, found, samplers.link, edges.sigma)
     return Look(pills, samplers, templates, profiles, edges, reach, expected, found, features)
 
 
@@ -118,11 +130,35 @@ def _same_places(before: Look, samplers: Samplers, step: float) -> bool:
 
 
 def _predicted_spread(
-    on: Chain, samplers: Samplers, u: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]
+    on: Chain,
+    samplers: Samplers,
+    frames: Float[np.ndarray, "1 f 4 4"],
+    covariance: Float[np.ndarray, "k k"],
 ) -> Float[np.ndarray, " n"]:
     """Standard deviation of every predicted edge, pixels, from the covariance of the pose."""
+    m, spread = on.model, np.empty(samplers.link.size)
+    _kernels.outline_spread(
+        samplers.ray,
+        samplers.slope,
+        samplers.link,
+        on.camera.R,
+        on.camera.t,
+        frames[0],
+        (m.link_frame, m.link_base, m.link_tip, m.link_radius, on.moves, on.joint_frame, m.prismatic),
+        m.coupling,
+        on.plain,
+        np.ascontiguousarray(covariance),
+        spread,
+    )
+    return spread
+
+
+def predicted_spread_numpy(
+    on: Chain, samplers: Samplers, u: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]
+) -> Float[np.ndarray, " n"]:
+    """Standard deviation of every predicted edge in plain NumPy: the twin of the compiled kernel."""
     at = OutlineFeatures(*in_world(on.camera, samplers.ray, samplers.slope), samplers.link, np.ones(samplers.link.size))
-    _, J = outline_residuals(on, at, u)
+    _, J = outline_residuals_numpy(on, at, u)
     return np.sqrt(np.maximum(((J @ covariance) * J).sum(axis=1), 0.0))
 
 

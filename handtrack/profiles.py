@@ -151,7 +151,7 @@ def place_outline(
         side,
         angle,
         camera.kind == "orthographic",
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        _intrinsic(camera),
         camera.distortion,
         origin,
         direction,
@@ -192,11 +192,28 @@ def _outline_places(
     fan: Float[np.ndarray, " k"] | None,
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Link, axial position, side and (for tips) angle of every outline sampler."""
-    ends = project_camera(camera, np.stack([pills.base, pills.tip]))
-    length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    count = np.clip(np.where(length > 0.0, length, 0.0) / spacing, 2, most).astype(int)
+    count = _kernels.count_samplers(
+        pills.base,
+        pills.tip,
+        camera.kind == "orthographic",
+        _intrinsic(camera),
+        camera.distortion,
+        float(spacing),
+        most,
+    )
     angles = _FAN if fan is None else tuple(fan.tolist())
     return _laid_out(tuple(count.tolist()), tuple(np.flatnonzero(tips).tolist()), angles)
+
+
+def side_counts(pills: Pills, camera: Camera, spacing: float, most: int) -> Int[np.ndarray, " l"]:
+    """Samplers on one side of every link, in plain NumPy: the twin of the compiled `count_samplers`."""
+    ends = project_camera(camera, np.stack([pills.base, pills.tip]))
+    length = np.linalg.norm(ends[1] - ends[0], axis=1)
+    return np.clip(np.where(length > 0.0, length, 0.0) / spacing, 2, most).astype(int)
+
+
+def _intrinsic(camera: Camera) -> Float[np.ndarray, " 4"]:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
 
 
 @lru_cache(maxsize=256)

@@ -88,9 +88,42 @@ def in_world(
     camera: Camera, ray: Float[np.ndarray, "n 6"], slope: Float[np.ndarray, "n 6"]
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
     """Rays and their slopes, from camera axes into world axes."""
-    R = camera.R
+    n = ray.shape[0]
+    here, link = np.zeros(n), np.zeros(n, dtype=np.int64)
+    turned = turned_rays(camera, ray, slope, here, np.ones(n, dtype=np.bool_), link, here)
+    return turned.ray, turned.slope
+
+
+def turned_rays(
+    camera: Camera,
+    ray: Float[np.ndarray, "n 6"],
+    slope: Float[np.ndarray, "n 6"],
+    offset: Float[np.ndarray, " n"],
+    found: Bool[np.ndarray, " n"],
+    link: Int[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+) -> OutlineFeatures:
+    """The rays at `offset` pixels along the samplers that found an edge, from camera axes into world axes."""
+    n = ray.shape[0]
+    out = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64), np.empty(n)
+    count = _kernels.turn_rays(ray, slope, offset, found, camera.R, camera.t, link, sigma, *out)
+    return OutlineFeatures(*(column[:count] for column in out))
+
+
+def turned_rays_numpy(
+    camera: Camera,
+    ray: Float[np.ndarray, "n 6"],
+    slope: Float[np.ndarray, "n 6"],
+    offset: Float[np.ndarray, " n"],
+    found: Bool[np.ndarray, " n"],
+    link: Int[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+) -> OutlineFeatures:
+    """The same as `turned_rays` in plain NumPy: the twin of the compiled kernel."""
+    R, slope = camera.R, slope[found]
+    ray = ray[found] + offset[found, None] * slope
     turned = np.hstack([(ray[:, :3] - camera.t) @ R, ray[:, 3:] @ R])
-    return turned, np.hstack([slope[:, :3] @ R, slope[:, 3:] @ R])
+    return OutlineFeatures(turned, np.hstack([slope[:, :3] @ R, slope[:, 3:] @ R]), link[found], sigma[found])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

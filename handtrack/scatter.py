@@ -133,8 +133,38 @@ def learn_scatter(
     r = (r * sigma * np.minimum(1.0, _CUT / np.maximum(z, 1e-9)))[kept]
     J, gain = (J * sigma[:, None])[kept], (gain / sigma)[:, kept]
     w = 1.0 / sigma[kept] ** 2
-    present, member = np.unique(group[kept], return_inverse=True)
-    Z = (member[:, None] == np.arange(present.size)).astype(float)
+    occurs = np.bincount(group[kept]) > 0
+    member = (np.cumsum(occurs) - 1)[group[kept]]
+    found, expected = _kernels.scatter_moments(r, J, w, member, int(occurs.sum()), np.ascontiguousarray(gain))
+    size = np.diag(expected)  # both moments as means, so that frames count alike
+    moments = _MEMORY * scatter.moments + found / size
+    response = _MEMORY * scatter.response + expected / size[:, None]
+    s2, tau2 = np.linalg.solve(response, moments)
+    if tau2 < _LEAST_TAU**2:
+        s2, tau2 = moments[0] / response[0, 0], _LEAST_TAU**2
+    return Scatter(float(np.sqrt(max(s2, _LEAST_S2))), float(np.sqrt(tau2)), moments, response)
+
+
+def moments_numpy(
+    r: Float[np.ndarray, " n"],
+    J: Float[np.ndarray, "n k"],
+    w: Float[np.ndarray, " n"],
+    member: Int[np.ndarray, " n"],
+    groups: int,
+    gain: Float[np.ndarray, "k n"],
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]]:
+    """A frame's moments and their response to `s^2` and `tau^2`, in plain NumPy: the twin of the compiled kernel.
+
+    Parameters
+    ----------
+    r, J, w : (n,), (n, k), (n,)
+        Residuals and Jacobian in pixels, and inverse squares of the claimed sigmas.
+    member, groups : (n,), int
+        Group of each edge, numbered from 0 without gaps, and how many there are.
+    gain : (k, n)
+        Linear map from edge errors in pixels to the solution's error.
+    """
+    Z = (member[:, None] == np.arange(groups)).astype(float)
     weight_of = Z.T @ w
     mean = (Z * w[:, None]).T / weight_of[:, None]
     left_of_groups = Z - J @ (gain @ Z)  # what a common offset leaves in each residual
@@ -146,16 +176,9 @@ def learn_scatter(
     mean_r = mean @ r
     moments = np.array([(w * (r - Z @ mean_r) ** 2).sum(), (weight_of * mean_r**2).sum()])
     between = float((weight_of * (means_of_edges**2 @ (1.0 / w))).sum())
-    response = np.array(
+    return moments, np.array(
         [
             [max(r.size + absorbed - between, 1.0), (w[:, None] * within_groups**2).sum()],
             [between, (weight_of[:, None] * means_of_groups**2).sum()],
         ]
     )
-    size = np.array([response[0, 0], response[1, 1]])  # both moments as means, so that frames count alike
-    moments = _MEMORY * scatter.moments + moments / size
-    response = _MEMORY * scatter.response + response / size[:, None]
-    s2, tau2 = np.linalg.solve(response, moments)
-    if tau2 < _LEAST_TAU**2:
-        s2, tau2 = moments[0] / response[0, 0], _LEAST_TAU**2
-    return Scatter(float(np.sqrt(max(s2, _LEAST_S2))), float(np.sqrt(tau2)), moments, response)

@@ -13,10 +13,12 @@ right model keeps eps near zero and its sigmas tight.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
+from . import _kernels
 from .camera import project_with_jacobian
 from .kinematics import Model, forward, link_ends, pose_from_free
 from .pills import Pills, clearance
@@ -46,25 +48,34 @@ def shape_jacobian(
     """Derivative of the residuals, in units of their sigma, by the independent shape errors of the model."""
     frames = forward(on.model, pose_from_free(on.model, u))
     base, tip = link_ends(on.model, frames)
-    axis = tip - base
     share = _length_shares(on.model)
-    if isinstance(features, OutlineFeatures):
-        pills = Pills(base, tip, on.model.link_radius)
-        link = features.link
-        seen = clearance(pills, link, features.ray[:, :3], features.ray[:, 3:])
-        spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
-        per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
-        scale = -1.0 / (per_pixel * features.sigma)
-        moved = seen.normal @ axis.T
-        own = np.arange(axis.shape[0]) == link[:, None]
-        length = moved * np.where(own, seen.along[:, None], share[link])
-        radius = pills.radius[link, 0] + seen.along * (pills.radius[link, 1] - pills.radius[link, 0])
-        across = np.cross(axis, on.camera.R[2])[link]
-        across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-        towards = (seen.normal * across).sum(axis=1)
-        kinds = [length, own * radius[:, None], own * (radius * towards)[:, None]]
-        return np.hstack([_with_common(kind * scale[:, None]) for kind in kinds[:2]] + [kinds[2] * scale[:, None]])
-    return _line_jacobian(on, features, base, axis, share)
+    if not isinstance(features, OutlineFeatures):
+        return _line_jacobian(on, features, base, tip - base, share)
+    H = np.empty((features.link.size, 3 * share.shape[0] + 2))
+    ends, sight = np.hstack([base, tip - base]), np.ascontiguousarray(on.camera.R[2])
+    edges = features.ray, features.slope, features.link, features.sigma
+    _kernels.shape_columns(*edges, ends, on.model.link_radius, share, sight, H)
+    return H
+
+
+def shape_jacobian_numpy(on: Chain, features: OutlineFeatures, u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n p"]:
+    """The same as `shape_jacobian` of outlines in plain NumPy: the twin of the compiled kernel."""
+    base, tip = link_ends(on.model, forward(on.model, pose_from_free(on.model, u)))
+    axis, share, link = tip - base, _length_shares(on.model), features.link
+    pills = Pills(base, tip, on.model.link_radius)
+    seen = clearance(pills, link, features.ray[:, :3], features.ray[:, 3:])
+    spread = features.slope[:, :3] + seen.depth[:, None] * features.slope[:, 3:]
+    per_pixel = np.maximum(np.abs((seen.normal * spread).sum(axis=1)), 1e-9)
+    scale = -1.0 / (per_pixel * features.sigma)
+    moved = seen.normal @ axis.T
+    own = np.arange(axis.shape[0]) == link[:, None]
+    length = moved * np.where(own, seen.along[:, None], share[link])
+    radius = pills.radius[link, 0] + seen.along * (pills.radius[link, 1] - pills.radius[link, 0])
+    across = np.cross(axis, on.camera.R[2])[link]
+    across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    towards = (seen.normal * across).sum(axis=1)
+    kinds = [length, own * radius[:, None], own * (radius * towards)[:, None]]
+    return np.hstack([_with_common(kind * scale[:, None]) for kind in kinds[:2]] + [kinds[2] * scale[:, None]])
 
 
 def _line_jacobian(on: Chain, features: LineFeatures, base, axis, share) -> Float[np.ndarray, "n p"]:
@@ -82,6 +93,7 @@ def _line_jacobian(on: Chain, features: LineFeatures, base, axis, share) -> Floa
     return _with_common(np.concatenate([tips, lines]))
 
 
+@lru_cache(maxsize=16)
 def _length_shares(model: Model) -> Float[np.ndarray, "l l"]:
     """1 where a link's base moves with the length of another: that other is one of its ancestors."""
     share = np.zeros((model.link_frame.size, model.link_frame.size))

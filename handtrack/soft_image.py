@@ -96,7 +96,7 @@ def soft_image(
         grid,
         camera.kind == "perspective",
         (pills.base, pills.tip, pills.radius),
-        _boxes(pills, camera),
+        pill_boxes(pills, camera),
         (appearance.shading, appearance.gain),
         float(appearance.background),
         lens_blur(appearance),
@@ -115,7 +115,7 @@ def lens_blur(appearance: Appearance) -> float:
     return float(np.sqrt(max(appearance.blur**2 - SHARP**2, 0.0)))
 
 
-def _boxes(pills: Pills, camera: Camera) -> Float[np.ndarray, "l 4"]:
+def pill_boxes(pills: Pills, camera: Camera) -> Float[np.ndarray, "l 4"]:
     """Lowest and highest normalised coordinates (x, x, y, y) of each pill; empty if it reaches behind the camera."""
     centre, r = np.stack([pills.base, pills.tip]), pills.radius.T[..., None]
     low, high = centre[..., :2] - r, centre[..., :2] + r
@@ -185,7 +185,7 @@ def _see(
 ) -> _Seen:
     """One pill after the other, in every square; `place` holds X, Y and their slopes along x, then along y."""
     pinhole, s = camera.kind == "perspective", lens_blur(appearance)
-    boxes = _boxes(pills, camera)
+    boxes = pill_boxes(pills, camera)
     width = np.sqrt(h * h / 12.0 + s * s)
     rows = []
     for k in range(pills.base.shape[0]):

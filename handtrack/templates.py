@@ -8,6 +8,7 @@ wrongly (hand thesis, Figure 4.16).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -53,13 +54,17 @@ def positions(inwards: float, outwards: float, step: float) -> Float[np.ndarray,
     return (np.arange(-round(inwards / step), round(outwards / step)) + 0.5) * step
 
 
-def _depth_step(samplers: Samplers, pills: Pills, camera: Camera) -> Float[np.ndarray, " n"]:
-    """Depth that must lie between two surfaces of one finger for an edge to be seen: a quarter of the link's radius."""
+def depth_step_numpy(samplers: Samplers, pills: Pills, camera: Camera) -> Float[np.ndarray, " n"]:
+    """Depth that must lie between two surfaces of one finger for an edge to be seen: a quarter of the link's radius.
+
+    In plain NumPy: the twin of the compiled `depth_steps`.
+    """
     step = 0.25 * pills.radius[samplers.link].mean(axis=1)
     # Rays advance by depth; on the tangent the surface falls away, so allow at least what two pixels see of it.
     return np.maximum(step, 2.0 / pixels_per_unit(camera, samplers.contact))
 
 
+@lru_cache(maxsize=64)
 def _blur_kernel(step: float, blur: float) -> Float[np.ndarray, " b"]:
     reach = int(np.ceil(3.0 * blur / step))
     x = np.arange(-reach, reach + 1) * step
@@ -90,7 +95,7 @@ def expect(
     shape = (samplers.link.size, u.size)
     values, visible = np.empty(shape), np.empty(shape, dtype=np.bool_)
     parts = np.empty((shape[0], 2, shape[1]))
-    state = np.empty(samplers.link.size, dtype=np.int64)
+    state, focal = np.empty(samplers.link.size, dtype=np.int64), 0.5 * (camera.fx + camera.fy)
     _kernels.expect_profiles(
         samplers.ray,
         samplers.slope,
@@ -100,7 +105,7 @@ def expect(
         pills.radius,
         finger,
         samplers.link,
-        _depth_step(samplers, pills, camera),
+        _kernels.depth_steps(pills.radius, samplers.link, samplers.contact, focal, camera.kind == "orthographic"),
         appearance.shading,
         appearance.gain,
         appearance.background,
@@ -131,7 +136,7 @@ def expect_numpy(
     hits = ray_hits_numpy(pills, ray[:, :3], ray[:, 3:])
     raw = shade_numpy(appearance, hits.normal, hits.pill).reshape(n, m)
     depth, group = hits.t.reshape(n, m), np.where(hits.pill >= 0, finger[hits.pill], -1).reshape(n, m)
-    jump = _depth_step(samplers, pills, camera)
+    jump = depth_step_numpy(samplers, pills, camera)
     own = finger[samplers.link]
     cover = (group == own[:, None]) & (np.arange(m) < mid)
     cosine = -(hits.normal * ray[:, 3:]).sum(axis=1) / np.linalg.norm(ray[:, 3:], axis=1)

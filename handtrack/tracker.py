@@ -22,6 +22,7 @@ from .prediction import Prediction, first_prediction, predict
 from .residuals import Chain, chain
 from .settings import Settings
 from .sharpness import learn_blur
+from .synthesis import Unmodelled
 from .track import LOST, TRACKED, UNCERTAIN, Track
 from .width import widths_in_views
 
@@ -51,6 +52,8 @@ class State:
         Factor on the next search range, and number of frames seen.
     rivals : tuple of Rival
         Other poses that the images so far cannot tell from the tracked one.
+    unmodelled : tuple of Unmodelled
+        What refinement has learnt of errors of surface and shape in each view; empty before.
     """
 
     prediction: Prediction
@@ -60,6 +63,7 @@ class State:
     widen: float
     frames: int
     rivals: tuple[Rival, ...] = ()
+    unmodelled: tuple[Unmodelled, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +192,7 @@ def step(
     ahead = predict(state.prediction, dt)
     passes = settings.passes + (_START_PASSES if state.frames < _START_FRAMES else 0)
     appearance = state.appearance or _learn(images, on, ahead.motion.q, (None,) * len(on))
-    known = Known(tuple(on), settings, appearance, state.consistency, state.stored)
+    known = Known(tuple(on), settings, appearance, state.consistency, state.stored, state.unmodelled)
     first = state.appearance is None
     if first:  # templates learnt at a pose that is only supposed would confirm it; outlines hardly depend on them
         plain = replace(settings, residuals="outline", edges="wssd", templates="rendered", refine=False)
@@ -197,7 +201,7 @@ def step(
     if first:
         appearance = _learn(images, on, found.u, appearance)
         appearance = _learn_blur(images, on, found, appearance, settings)
-        known = Known(tuple(on), settings, appearance, state.consistency, state.stored)
+        known = Known(tuple(on), settings, appearance, state.consistency, state.stored, state.unmodelled)
         found = estimate(images, known, ahead.motion, found.u, passes, found.widen)
     verdict = Verdict(found, ahead, found.covariance, (), np.zeros((0, found.u.size)), None, 0.0)
     if settings.hypotheses and settings.residuals == "outline":
@@ -215,7 +219,8 @@ def step(
         stored = tuple(first_profiles(image, view, found.u, its, settings) for image, view, its in views)
     widen = max(1.0, 0.8 * found.widen)
     frame = _frame(on[0], verdict, following)
-    return State(following, appearance, found.consistency, stored, widen, state.frames + 1, verdict.rivals), frame
+    done = state.frames + 1
+    return State(following, appearance, found.consistency, stored, widen, done, verdict.rivals, found.unmodelled), frame
 
 
 def _check(images: Sequence[Image], on: Sequence[Chain]) -> None:

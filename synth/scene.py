@@ -15,7 +15,8 @@ from handtrack.camera import Camera, orthographic, perspective
 from handtrack.kinematics import Model, forward
 from handtrack.pills import Pills, pose_pills
 
-from .render import Background, render
+from .mesh import SkinnedHand, render_hand
+from .render import REC_601, Background, render
 from .sensor import Sensor, sense
 from .shading import Light, Material, Mode
 
@@ -48,6 +49,8 @@ class Scene:
         Grey level behind the pills, in every view.
     more_cameras : tuple of Camera
         One for each further view; all see the scene at the same moments.
+    hand : SkinnedHand, optional
+        A skin that the tree moves, shown instead of the pills; grey and lit by Phong only.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Scene:
     sensor: Sensor = field(default_factory=Sensor)
     fps: float = 25.0
     more_cameras: tuple[Camera, ...] = ()
+    hand: SkinnedHand | None = None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -83,11 +87,22 @@ def posed(scene: Scene, frame: int, view: int = 0) -> Pills:
 
 def clean_image(scene: Scene, frame: int, view: int = 0) -> Float[np.ndarray, "h w *c"]:
     """Image of a frame before the sensor."""
-    pills, camera = posed(scene, frame, view), scene.cameras[view]
-    light = scene.light
+    camera, light = scene.cameras[view], scene.light
     if view:
         light = replace(light, direction=camera.R @ scene.camera.R.T @ light.direction)
+    if scene.hand is not None:
+        return render_hand(
+            scene.hand, scene.model, scene.truth[frame], camera, scene.material, light, _grey(scene.background)
+        )
+    pills = posed(scene, frame, view)
     return render(pills, camera, scene.material, light, scene.mode, colour=scene.colour, background=scene.background)
+
+
+def _grey(background: Background) -> float | Float[np.ndarray, "h w"]:
+    """Background of a grey image."""
+    if not isinstance(background, np.ndarray):
+        return background
+    return background @ REC_601 if background.ndim == 3 else background
 
 
 def image(scene: Scene, frame: int, view: int = 0) -> Float[np.ndarray, "h w *c"]:

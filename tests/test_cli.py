@@ -26,6 +26,7 @@ RUN_FILES = {
     "overlay.mp4",
     "poses.csv",
     "report.html",
+    "rivals.csv",
     "run.json",
     "timing.csv",
     "truth.csv",
@@ -345,6 +346,11 @@ def test_bench_compares_each_kernel_with_its_plain_twin(monkeypatch, capsys):
     assert len(json.loads(capsys.readouterr().out)) == len(measured)
     assert main(["bench"]) == 0
     assert "NumPy twin" in capsys.readouterr().out
+    monkeypatch.setattr("handtrack.cli.memory.growth_mb", lambda frames: 0.25)
+    assert main(["bench", "--memory-frames", "7"]) == 0
+    assert "memory over 7 frames: +0.2 MB" in capsys.readouterr().out
+    assert main(["bench", "--memory-frames", "7", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[-1] == {"name": "memory over 7 frames", "grown_mb": 0.25}
 
 
 def test_a_rendered_sequence_can_be_tracked_and_has_its_truth(tmp_path, capsys):

@@ -131,6 +131,61 @@ def test_the_evidence_of_each_view_comes_back(tmp_path):
         read_track(tmp_path)
 
 
+def with_rivals(name: str = "two_finger") -> Track:
+    track = track_of(name)
+    rival = track.q + np.radians(12.0)
+    rival[[0, 3]] = math.nan
+    return dataclasses.replace(track, rival=rival, rival_weight=np.array([0.0, 0.25, 0.5, 0.0, 0.125]))
+
+
+@pytest.mark.parametrize("name", ["two_finger", "pr"])
+def test_rivals_and_their_weights_come_back(tmp_path, name):
+    track = with_rivals(name)
+    write_track(tmp_path, track, model(name))
+    again = read_track(tmp_path, model(name))
+    assert again.rival is not None and track.rival is not None
+    np.testing.assert_allclose(again.rival, track.rival, rtol=1e-9)
+    np.testing.assert_array_equal(again.rival_weight, track.rival_weight)
+    first = (tmp_path / "rivals.csv").read_text().splitlines()[1]
+    assert first == "2,0" + "," * len(track.joint_names)
+
+
+def test_a_track_that_does_not_say_has_no_table_of_rivals(tmp_path):
+    write_track(tmp_path, track_of())
+    assert not (tmp_path / "rivals.csv").exists()
+    assert read_track(tmp_path).rival is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("\n3,", "\n7,", "its frames are not those of poses.csv"),
+        ("weight", "share", "column 'weight' is missing"),
+        (",0.25,", ",1.25,", "line 3: weight: a number from 0 to 1"),
+        ("\n2,0,", "\n2,0,1", "line 2: a rival has all joints or none"),
+        (",0.25,", ",inf,", "weight: 'inf' given"),
+    ],
+)
+def test_rivals_that_make_no_sense_are_refused(tmp_path, old, new, message):
+    write_track(tmp_path, with_rivals())
+    text = (tmp_path / "rivals.csv").read_text()
+    assert old in text
+    (tmp_path / "rivals.csv").write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_track(tmp_path)
+
+
+def test_half_a_rival_or_too_heavy_a_one_is_not_written(tmp_path):
+    track = with_rivals()
+    assert track.rival is not None
+    track.rival[1, 0] = math.nan
+    with pytest.raises(ValueError, match="rival of row 1: all joints or none"):
+        write_track(tmp_path, track)
+    heavy = dataclasses.replace(with_rivals(), rival_weight=np.full(5, 1.5))
+    with pytest.raises(ValueError, match="rival of row 0"):
+        write_track(tmp_path, heavy)
+
+
 def test_one_view_has_no_columns_of_its_own(tmp_path):
     track = track_of()
     single = dataclasses.replace(track, view_edges=track.edges[:, None], view_visible=track.visible[:, None])

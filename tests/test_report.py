@@ -9,6 +9,7 @@ import av
 import numpy as np
 import pytest
 
+from handtrack.bound import Bounds
 from handtrack.camera import orthographic, perspective, project
 from handtrack.kinematics import FrameRow, forward, link_ends, model_from_rows
 from handtrack.kinematics.builtin import model as builtin_model
@@ -343,6 +344,35 @@ def test_page_tells_the_figures_of_the_evaluation(two_finger):
     assert tiles["Time per frame"].startswith("3.00")
     assert tiles["Median sigma"] == "1.15\N{DEGREE SIGN}"
     assert "NEES, ideally 6" in tiles
+
+
+def test_page_says_how_near_the_errors_are_to_the_bound_where_there_is_one(two_finger):
+    model, camera, track = two_finger
+    truth = Truth(track.frame, track.q - np.radians(1.5))
+    least = np.radians(np.tile([0.5, 0.5, 0.5, 0.5, 0.5, np.inf], (2, 1)))
+    known = Bounds(np.array([0, 5]), least, np.ones((2, 1)), True)
+    text = render_page(track, model, camera, None, truth, RUN, known)
+    assert text.count("3.0 \N{MULTIPLICATION SIGN} bound") == 5  # the images say nothing of the sixth joint
+    assert "3.0 times the Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound" in text
+    assert "bound" not in "".join(re.findall(r'<div class="tile">.*?</div>', render_page(*two_finger_page(two_finger))))
+
+
+def two_finger_page(two_finger):
+    model, camera, track = two_finger
+    return track, model, camera, None, Truth(track.frame, track.q), RUN
+
+
+def test_a_rival_is_drawn_where_it_differs_and_named_once(two_finger):
+    model, camera, track = two_finger
+    rival = track.q.copy()
+    rival[2:4, 0] += np.radians(12.0)
+    rival[[0, 5]] = np.nan
+    other = dataclasses.replace(track, rival=rival, rival_weight=np.array([0.0, 0.1, 0.2, 0.3, 0.1, 0.0]))
+    text = render_page(other, model, camera, None, None, RUN)
+    assert len(re.findall(r'<path class="rival c\d"', text)) == 1
+    assert text.count("a pose that looks the same") == 1
+    plain = render_page(track, model, camera, None, None, RUN)
+    assert 'class="rival' not in plain and "a pose that looks the same" not in plain
 
 
 def test_values_under_the_pointer_are_those_of_the_track_in_degrees(two_finger):

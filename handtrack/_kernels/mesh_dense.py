@@ -19,7 +19,8 @@ def dense_rows(
     being background. At a point the triangle moves beneath it: its shares l of the corners change by
     `dl = -A^-1 sum l_i dxy_i`, A the two edges of the triangle; the normal is `sum l_i s_i n_i` to unit length, s one
     over depth for a pinhole; the albedo is blended by l. B: derivative by an even light, one that grows with each
-    component of the normal, the one light, and the regions' gains. It has no plain twin yet.
+    component of the normal, the one light, and the regions' gains. Residuals are those of a twin,
+    `surface.image.shade_box_numpy`, derivatives those of differences of it.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
     dxy, s, ds, n, dn, albedo, moved = vertices
@@ -120,13 +121,31 @@ def level_of(hit, triangles, n, albedo, region, light, background, wx, wy):  # p
 
 @njit(cache=True)
 def add_outline(
-    origin, direction, contact, motion, length, row_of, x0, y0, mesh, region, finger, area, n, albedo, light, rest, J
+    origin,
+    direction,
+    contact,
+    motion,
+    length,
+    row_of,
+    x0,
+    y0,
+    mesh,
+    region,
+    finger,
+    area,
+    n,
+    albedo,
+    light,
+    rest,
+    J,
+    contrast,
 ):  # pragma: no cover - compiled
     """Add to J what moving outlines do to the pixels they cross.
 
     A piece of outline of `length` pixels that moves outwards by `motion` per unit of a joint turns background into
     surface: the pixel changes by (inside - outside) motion length. `row_of` holds each pixel's row of J, or -1.
-    It has no plain twin yet.
+    `contrast` gets the largest such step of each row, in units of the noise.
+    Twin: `surface.outline.outline_numpy`.
     """
     xy, inverse, pinhole, triangles, tiles = mesh
     background, noise = rest
@@ -147,5 +166,6 @@ def add_outline(
         step = level_of(inside, triangles, n, albedo, region, light, background, wx, wy)
         step -= level_of(outside, triangles, n, albedo, region, light, background, wx, wy)
         scale = -step * length[i] / noise
+        contrast[row_of[r, c]] = max(contrast[row_of[r, c]], abs(step) / noise)
         for j in range(J.shape[1]):
             J[row_of[r, c], j] += scale * motion[i, j]

@@ -11,7 +11,7 @@ INSIDE, RIM, EDGE = 1, 2, 3
 # Points of a pixel: Fibonacci lattices, which show an edge in any direction as nearly as many grey levels as they have
 # points. (number, step): point i lies at ((i + 1/2) / number, (i step mod number + 1/2) / number).
 RIM_POINTS, RIM_STEP = 5, 3
-EDGE_POINTS, EDGE_STEP = 34, 21
+EDGE_POINTS, EDGE_STEP = 13, 8
 
 
 @njit(cache=True, inline="always")

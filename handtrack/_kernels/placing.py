@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", error_model="numpy")
 def bend(x, y, k):  # pragma: no cover - compiled
     """OpenCV's distortion of normalised coordinates; twin: `camera.distort`."""
     r2 = x * x + y * y
@@ -16,7 +16,7 @@ def bend(x, y, k):  # pragma: no cover - compiled
     ) + 2.0 * k[3] * x * y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def straighten(bx, by, k):  # pragma: no cover - compiled
     """Inverse of `bend` by Newton's method; twin: `camera.undistort`."""
     x, y = bx, by
@@ -39,7 +39,7 @@ def straighten(bx, by, k):  # pragma: no cover - compiled
     return x, y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pixel_ray(x, y, ortho, intrinsic, k, ray):  # pragma: no cover - compiled
     """Origin and direction of the ray through a pixel; twin: `camera.rays`."""
     u, v = (x - intrinsic[2]) / intrinsic[0], (y - intrinsic[3]) / intrinsic[1]
@@ -51,7 +51,7 @@ def pixel_ray(x, y, ortho, intrinsic, k, ray):  # pragma: no cover - compiled
         ray[3], ray[4] = straighten(u, v, k)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def side_normal(b, t, r0, r1, side, ortho, n):  # pragma: no cover - compiled
     """Contact normal on one side of a pill, False where there is none; twin: `profiles.contact_normals`."""
     if ortho:
@@ -77,7 +77,7 @@ def side_normal(b, t, r0, r1, side, ortho, n):  # pragma: no cover - compiled
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tip_normal(b, t, r, angle, ortho, n):  # pragma: no cover - compiled
     """Contact normal on a tip's sphere, `angle` from the seen axis; twin: `profiles.cap_normals`."""
     sx, sy, sz, sin_beta = 0.0, 0.0, 1.0, 0.0
@@ -99,7 +99,7 @@ def tip_normal(b, t, r, angle, ortho, n):  # pragma: no cover - compiled
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def place_outline(
     base, tip, radius, link, along, side, angle, ortho, intrinsic, k, origin, direction, contact, ray, slope, kept
 ):  # pragma: no cover - compiled
@@ -134,3 +134,20 @@ def place_outline(
         for a in range(6):
             slope[i, a] = 0.5 * (ahead[a] - behind[a])
         kept[i] = True
+
+
+@njit(cache=True, error_model="numpy")
+def count_samplers(base, tip, ortho, intrinsic, k, spacing, most):  # pragma: no cover - compiled
+    """Samplers on one side of every link: as many as its length in the image asks for; twin: `profiles.side_counts`."""
+    count = np.empty(base.shape[0], np.int64)
+    for m in range(base.shape[0]):
+        length = 0.0
+        if ortho:
+            x, y = tip[m, 0] - base[m, 0], tip[m, 1] - base[m, 1]
+            length = math.hypot(x * intrinsic[0], y * intrinsic[1])
+        elif base[m, 2] > 0.0 and tip[m, 2] > 0.0:
+            x0, y0 = bend(base[m, 0] / base[m, 2], base[m, 1] / base[m, 2], k)
+            x1, y1 = bend(tip[m, 0] / tip[m, 2], tip[m, 1] / tip[m, 2], k)
+            length = math.hypot((x1 - x0) * intrinsic[0], (y1 - y0) * intrinsic[1])
+        count[m] = int(min(max(length / spacing, 2.0), float(most)))
+    return count

@@ -13,6 +13,7 @@ from .geometry import hit_pill
 
 COVER, SLOPE, LEVEL, DEPTH, NX, NY, TX, TY, HIT, NORMAL = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 FACTS = 12
+PLAIN, CELLS = 28, 24  # coefficients of a shading before its table, and cells along the side of that
 ROOT = math.sqrt(0.5)
 _DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 _LEAST = 1e-3  # narrowest side of a pixel seen along its edge, so that nothing is divided by zero
@@ -95,7 +96,23 @@ def shade_slope(c, x, y, z, slope):  # pragma: no cover - compiled
     lit = c[25] * x + c[26] * y + c[27] * z
     if lit > 0.0:
         slope[0], slope[1], slope[2] = slope[0] + c[25], slope[1] + c[26], slope[2] + c[27]
-    return flat + z * deep + max(lit, 0.0)
+    level = flat + z * deep + max(lit, 0.0)
+    return level + table_slope(c, x, y, slope) if c.shape[0] > PLAIN else level
+
+
+@njit(cache=True)
+def table_slope(c, x, y, slope):  # pragma: no cover - compiled
+    """What a table over the normal adds to a grey level, between its nodes; its derivative is added to `slope`.
+
+    The table follows the PLAIN coefficients: CELLS + 1 nodes a side, from -1 to 1, rows along y.
+    """
+    u, v = 0.5 * CELLS * (x + 1.0), 0.5 * CELLS * (y + 1.0)
+    i, j = min(max(int(u), 0), CELLS - 1), min(max(int(v), 0), CELLS - 1)
+    u, v, at = u - i, v - j, PLAIN + j * (CELLS + 1) + i
+    a, b, d, e = c[at], c[at + 1], c[at + CELLS + 1], c[at + CELLS + 2]
+    slope[0] += 0.5 * CELLS * ((1.0 - v) * (b - a) + v * (e - d))
+    slope[1] += 0.5 * CELLS * ((1.0 - u) * (d - a) + u * (e - b))
+    return (1.0 - v) * ((1.0 - u) * a + u * b) + v * ((1.0 - u) * d + u * e)
 
 
 @njit(cache=True)

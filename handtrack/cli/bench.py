@@ -9,15 +9,24 @@ from .console import note, say, say_json, table
 
 def bench(
     frames: Annotated[int, typer.Option(min=5, help="Frames of the tracked sequence.")] = 60,
+    memory_frames: Annotated[
+        int, typer.Option(min=0, help="Frames to track for the growth of memory, 3 ms each; 0 for none.")
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False,
 ) -> None:
     """Timings after warm-up, on one thread: tracking, renderer, profiles, kinematics."""
+    from .memory import growth_mb
     from .timings import measure_all
 
     note("warming up: compiling and tracking once")
     results = measure_all(frames)
+    grown = None
+    if memory_frames:
+        note(f"tracking {memory_frames} frames")
+        grown = growth_mb(memory_frames)
     if as_json:
-        say_json([result.as_data() for result in results])
+        more = [] if grown is None else [{"name": f"memory over {memory_frames} frames", "grown_mb": grown}]
+        say_json([*(result.as_data() for result in results), *more])
         return
     rows = [
         [
@@ -30,3 +39,5 @@ def bench(
         for r in results
     ]
     say(table(["what", "ms", "against", "ms", "times"], rows))
+    if grown is not None:
+        say(f"memory over {memory_frames} frames: {grown:+.1f} MB")

@@ -1,21 +1,14 @@
 """A run and its input in, Cramer-Rao bounds out: the part of `handtrack evaluate` that needs the images."""
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float, Int
-
-from ..bound import Bounds, bounds, spread_frames
+from ..bound import Bounds, spread_frames
 from ..errors import InputError
-from ..formats.images import ImageFiles
-from ..residuals import chain
 from ..sequences import Sequence as Input
+from .bound_frames import bounds_of_input, whole_truth
 from .console import progress, warning
 from .explain import open_past, read_record
 from .record import Run
-
-Image = Float[np.ndarray, "h w"]
 
 
 def bounds_of_run(
@@ -28,8 +21,7 @@ def bounds_of_run(
     InputError
         If `source` is given and is no input of this run.
     """
-    whole = np.isfinite(past.truth.q).all(axis=1)
-    number, _, rows = np.intersect1d(past.track.frame, past.truth.frame[whole], return_indices=True)
+    number, q = whole_truth(past.track, past.truth)
     if not number.size:
         warning(f"{run}: no Cramer-Rao bound: no frame has a true value for every joint")
         return None
@@ -42,10 +34,8 @@ def bounds_of_run(
         warning(f"no Cramer-Rao bound: {gone}")
         return None
     chosen = spread_frames(number.size, most)
-    q = past.truth.q[whole][rows][chosen]
-    on = [chain(past.model, camera) for camera in past.cameras]
     with progress("Cramer-Rao bound", chosen.size) as done:
-        return bounds(pictures(sequence, number[chosen]), on, q, number[chosen], known_light, done)
+        return bounds_of_input(sequence, past.cameras, past.model, number[chosen], q[chosen], known_light, done)
 
 
 def _same_size(run: Path, past: Run, sequence: Input, last: int) -> None:
@@ -55,17 +45,3 @@ def _same_size(run: Path, past: Run, sequence: Input, last: int) -> None:
         raise InputError(
             f"{sequence.path}: number, length or size of the views is not that of {run}; its input was wanted"
         )
-
-
-def pictures(sequence: Input, number: Int[np.ndarray, " n"]) -> Iterator[Sequence[Image]]:
-    """Images of all views in the frames asked for, in rising order; videos are decoded from their start."""
-    if all(isinstance(view, ImageFiles) for view in sequence.views):
-        for i in number.tolist():
-            yield tuple(view.read(i) for view in sequence.views)
-        return
-    wanted, last = set(number.tolist()), int(number[-1])
-    for i, together in enumerate(sequence):
-        if i in wanted:
-            yield together
-        if i >= last:
-            return

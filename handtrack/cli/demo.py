@@ -1,5 +1,6 @@
 """`handtrack demo`: nothing in; a rendered sequence, its track, the errors and a page to look at out."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ def demo(
     from ..evaluate import as_text
     from ..sequences import open_sequence
     from ..view_errors import evaluate_views
+    from .bound_frames import few_bounds
     from .occlusion import make_scene
     from .rendering import write_scene
     from .tracking import make_settings, summary_text, track_into
@@ -30,7 +32,8 @@ def demo(
     sequence = open_sequence(clip)
     track = track_into(run, sequence, make_settings({}))
     if sequence.truth is not None:
-        say(as_text(evaluate_views(track, sequence.truth, sequence.model, sequence.cameras)[0]))
+        found, _ = evaluate_views(track, sequence.truth, sequence.model, sequence.cameras)
+        say(as_text(replace(found, bounds=few_bounds(sequence, track))))
     text, _ = summary_text(track, run).rsplit("\n", 1)
     say(text)
     say(f"open in a browser: {(run / 'report.html').absolute().as_uri()}")

@@ -80,6 +80,8 @@ def read_record(run: Path) -> Mapping[str, Any]:
         raise InputError(f"{path}: is no JSON ({broken}); the record of a run was wanted") from broken
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         raise InputError(f"{path}: `format: {FORMAT}` was wanted")
+    if "surface" in record:
+        raise InputError(f"{run}: was tracked with a skinned surface; a run with pills was wanted")
     for key in ("settings", "start", "inputs"):
         if not isinstance(record.get(key), dict):
             raise InputError(f"{path}: {key}: names and values were wanted")

@@ -2,6 +2,7 @@
 
 poses.csv, covariance.csv    what was found (see `handtrack.formats`)
 information.csv, evidence.csv what they rest on
+rivals.csv                   other poses that the images could not tell from them
 widths.csv                   how wide each link is
 model.yaml, camera.yaml      what the poses mean; a list of cameras where there are several views
 truth.csv                    a copy of the truth, where the sequence has one
@@ -39,7 +40,9 @@ from ..report import RunInfo, write_overlay, write_report
 from ..sequences import NAME, Frames, Sequence, Truth
 from ..settings import Settings
 from ..track import Track
+from .bound_frames import few_bounds
 from .console import version_of
+from .skinned import Skinned
 from .texts import camera_text, degrees, truth_text
 
 RUN_FILE, FORMAT = "run.json", "handtrack/run-1"
@@ -92,17 +95,27 @@ def whole_folder(out: Path, marker: str, kind: str) -> Iterator[Path]:
         raise
 
 
-def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings, seconds: float) -> None:
+def write_run(
+    folder: Path,
+    track: Track,
+    sequence: Sequence,
+    settings: Settings,
+    seconds: float,
+    skinned: Skinned | None = None,
+) -> None:
     """Write every file of a run; `seconds` is what tracking took, image reading included."""
     write_track(folder, track, sequence.model)
-    write_widths(folder / "widths.csv", track, sequence.model)
+    if track.width is not None:  # those of pills; a skin has no single one
+        write_widths(folder / "widths.csv", track, sequence.model)
     write_model(folder / "model.yaml", sequence.model)
     write_text(folder / "camera.yaml", camera_text(sequence.cameras))
     if sequence.truth is not None:
         write_text(folder / "truth.csv", truth_text(sequence.truth, sequence.model))
     versions, inputs = _versions(), checksums(sequence)
+    if skinned is not None:
+        inputs = (*inputs, ("surface", skinned.digest))
     video = folder / "overlay.mp4"
-    write_overlay(video, sequence, track, sequence.model, sequence.cameras, sequence.fps)
+    write_overlay(video, sequence, track, sequence.model, sequence.cameras, sequence.fps, skinned and skinned.surface)
     info = RunInfo(
         title=title(sequence),
         fps=sequence.fps,
@@ -112,7 +125,8 @@ def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings
         warnings=sequence.warnings,
         views=sequence.names,
     )
-    write_report(folder / "report.html", track, sequence.model, sequence.cameras, video, sequence.truth, info)
+    least = few_bounds(sequence, track)
+    write_report(folder / "report.html", track, sequence.model, sequence.cameras, video, sequence.truth, info, least)
     record = {
         "format": FORMAT,
         "sequence": info.title,
@@ -120,6 +134,7 @@ def write_run(folder: Path, track: Track, sequence: Sequence, settings: Settings
         "fps": sequence.fps,
         "start": {} if sequence.start is None else degrees(sequence.model, sequence.start),
         "settings": asdict(settings),
+        **({} if skinned is None else {"surface": skinned.as_data()}),
         "versions": dict(versions),
         "views": [
             {"name": name, "camera": dict(camera_entries(camera))}

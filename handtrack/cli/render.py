@@ -7,7 +7,7 @@ import typer
 
 from .console import progress, say
 
-SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random"]
+SceneName = Literal["two-finger-crossing", "two-finger-hard", "index-thumb-pinch", "full-hand-spread", "random", "mesh"]
 
 
 def render(
@@ -16,6 +16,15 @@ def render(
     ],
     scene: Annotated[SceneName, typer.Option(help="What moves, and how.")] = "two-finger-crossing",
     model: Annotated[str | None, typer.Option(help="Built-in model or model file, for `--scene random`.")] = None,
+    surface: Annotated[
+        Path | None, typer.Option(help="Skinned hand mesh (.glb, W3C joint names), for `--scene mesh`.")
+    ] = None,
+    hand_scale: Annotated[float, typer.Option(min=0.2, max=5.0, help="Size of the mesh, for `--scene mesh`.")] = 1.0,
+    mirror: Annotated[bool, typer.Option("--mirror", help="The other hand, for `--scene mesh`.")] = False,
+    tilt: Annotated[float, typer.Option(help="Degrees about the horizontal image axis, for `--scene mesh`.")] = 30.0,
+    turn: Annotated[float, typer.Option(help="Degrees about the vertical image axis, for `--scene mesh`.")] = 0.0,
+    palm: Annotated[bool, typer.Option("--palm", help="Seen from the palm, for `--scene mesh`.")] = False,
+    covered: Annotated[bool, typer.Option("--covered", help="A dark palm, for `--scene mesh`.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Decides motion and noise.")] = 1,
     frames: Annotated[int, typer.Option(min=1, help="Number of frames.")] = 60,
     views: Annotated[
@@ -33,9 +42,10 @@ def render(
     video: Annotated[bool, typer.Option("--video", help="A video file (lossy) instead of PNG images.")] = False,
 ) -> None:
     """Render a sequence: images, model, cameras, start pose and true joint values."""
-    from .rendering import build, dressed, write_scene
+    from .rendering import MeshOptions, build, dressed, write_scene
 
-    made = dressed(build(scene, model, seed, frames, views), noise, vignette, background, mode, colour)
+    mesh = MeshOptions(surface, hand_scale, mirror, tilt, turn, palm, covered)
+    made = dressed(build(scene, model, seed, frames, views, mesh), noise, vignette, background, mode, colour)
     with progress("rendering", frames * views) as done:
         write_scene(out, made, done, video)
     say(str(out / "sequence.yaml"))

@@ -14,13 +14,14 @@ import numpy as np
 from skimage.measure import profile_line
 
 from synth.render import render, render_numpy
-from synth.scenes import Scene, images, posed, two_finger_crossing
+from synth.scenes import Scene, full_hand_spread, images, posed, two_finger_crossing
 
 from ..kinematics import forward, forward_numpy
 from ..kinematics.builtin import model as builtin_model
 from ..profiles import place_outline, sample, sample_numpy
 from ..settings import Settings
 from ..tracker import track
+from .plain_look import PlainRound
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,7 @@ def measure_all(frames: int = 60, repeats: int = 30) -> list[Timing]:
     pictures = [np.asarray(image, dtype=np.float32) for image in images(scene)]
     return [
         *(tracking(scene, pictures, residuals) for residuals in ("outline", "lines")),
+        *whole_hand(frames),
         rendering(scene, repeats),
         *profiles(scene, pictures[0], repeats),
         kinematics(repeats),
@@ -69,6 +71,21 @@ def tracking(scene: Scene, pictures: list[np.ndarray], residuals: str) -> Timing
     seconds = track(pictures, scene.model, scene.camera, scene.start, scene.fps, settings).seconds
     size = f"{scene.camera.width}x{scene.camera.height}"
     return Timing(f"track a frame, two fingers {size}, {residuals}", 1000.0 * float(np.median(seconds)))
+
+
+def whole_hand(frames: int, repeats: int = 5) -> list[Timing]:
+    """One frame of a hand of 21 joints, without and with refinement, beside one look and fit in plain NumPy."""
+    scene = full_hand_spread(0, frames=frames)
+    pictures = [np.asarray(image, dtype=np.float32) for image in images(scene)]
+    plain = median_ms(PlainRound(scene, pictures[0], Settings()), repeats)
+    out = []
+    for refined in (False, True):
+        settings, few = Settings(refine=refined), pictures[: min(len(pictures), 10)]
+        track(few, scene.model, scene.camera, scene.start, scene.fps, settings)
+        seconds = track(pictures, scene.model, scene.camera, scene.start, scene.fps, settings).seconds
+        name = f"track a frame, 21 joints, {'refined' if refined else 'not refined'}"
+        out.append(Timing(name, 1000.0 * float(np.median(seconds)), "NumPy twins, one look and fit", plain))
+    return out
 
 
 def rendering(scene: Scene, repeats: int) -> Timing:

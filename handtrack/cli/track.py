@@ -34,6 +34,9 @@ def track(
         typer.Option(help="Pose of the first frame in degrees: a file with `start: {...}`, or '{joint: value, ...}'."),
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Frames per second, for a folder of images.")] = None,
+    surface: Annotated[
+        Path | None, typer.Option(help="Skinned hand mesh (.glb, W3C joint names) to track with instead of pills.")
+    ] = None,
     residuals: Annotated[
         Residuals, typer.Option(help="Edge points against the outline, or the thesis's lines.")
     ] = "outline",
@@ -79,7 +82,7 @@ def track(
     }
     settings = make_settings({name: value for name, value in chosen.items() if value is not None})
     sequence = open_input(sources, model, camera or [], start, fps)
-    result = track_into(out, sequence, settings)
+    result = track_into(out, sequence, settings, surface)
     if as_json:
         say_json(summary(result, out))
     else:

@@ -1,5 +1,6 @@
 """What was typed in; settings, sequence and a finished run out: the work of `handtrack track`."""
 
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -9,10 +10,12 @@ from ..errors import InputError
 from ..formats.yaml_files import parse_yaml
 from ..sequences import NAME, Sequence, open_images, open_sequence
 from ..settings import Settings
+from ..surface.tracking import track_surface
 from ..track import Track
 from ..tracker import track
 from .console import note, progress, warning
 from .record import RUN_FILE, whole_folder, write_run
+from .skinned import open_surface
 
 
 def make_settings(chosen: dict[str, object]) -> Settings:
@@ -61,16 +64,19 @@ def parse_start(text: str) -> dict[str, float] | Path:
     return {joint: float(value) for joint, value in data.items()}
 
 
-def track_into(out: Path, sequence: Sequence, settings: Settings) -> Track:
-    """Track a sequence and write its run folder, whole or not at all."""
+def track_into(out: Path, sequence: Sequence, settings: Settings, surface: Path | None = None) -> Track:
+    """Track a sequence, with a skinned surface if a file is named, and write its run folder, whole or not at all."""
     if sequence.start is None:
         raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
+    skinned = None if surface is None else open_surface(surface, sequence.model, settings)
     with whole_folder(out, RUN_FILE, "run") as folder:
         begun = perf_counter()
         with progress("tracking", len(sequence)) as done:
-            result = track(
-                sequence,
-                sequence.model,
+            if skinned is None:
+                follow = partial(track, sequence, sequence.model)
+            else:
+                follow = partial(track_surface, sequence, skinned.surface)
+            result = follow(
                 sequence.cameras,
                 sequence.start,
                 fps=sequence.fps,
@@ -80,7 +86,7 @@ def track_into(out: Path, sequence: Sequence, settings: Settings) -> Track:
             )
         seconds = perf_counter() - begun
         note("writing video and report")
-        write_run(folder, result, sequence, settings, seconds)
+        write_run(folder, result, sequence, settings, seconds, skinned)
     return result
 
 

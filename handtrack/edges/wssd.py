@@ -217,11 +217,43 @@ def find_edges(
     noise, spread : float
         Standard deviation of the pixels' noise, and of grey levels about the template.
     """
+    n = templates.state.size
+    offset, sigma, misfit, reason = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+    _kernels.find_edges(
+        image.values,
+        image.inside,
+        (templates.values, templates.parts, templates.visible, templates.state),
+        _shifts(image, templates),
+        samplers.direction,
+        reach,
+        predicted,
+        noise,
+        spread,
+        _RIDGE_SHAPE,
+        (_SAMPLES, _FORGIVEN, _INTERPOLATION_FLOOR, _LEAST_SAMPLES, _MOST_RAW, _MOST_MISFIT),
+        offset,
+        sigma,
+        reason,
+        misfit,
+    )
+    return EdgePoints(samplers.origin + offset[:, None] * samplers.direction, offset, sigma, reason, misfit)
+
+
+def find_edges_numpy(
+    samplers: Samplers,
+    templates: Templates,
+    image: Profiles,
+    reach: Float[np.ndarray, " n"],
+    predicted: Float[np.ndarray, " n"],
+    noise: float,
+    spread: float,
+) -> EdgePoints:
+    """The same as `find_edges` in plain NumPy: the twin of the compiled kernel."""
     step = float(templates.u[1] - templates.u[0])
-    best, lowest, rise, used, shift = search(image, templates, reach, predicted, max(spread, noise) ** 2)
+    best, lowest, rise, used, shift = search_numpy(image, templates, reach, predicted, max(spread, noise) ** 2)
     tolerance = np.maximum(_FORGIVEN * rise, noise)
     ridge = (noise / tolerance)[:, None] ** 2 * _RIDGE_SHAPE
-    fine, variance, left = refine(image, templates, best, samplers, step, ridge)
+    fine, variance, left = refine_numpy(image, templates, best, samplers, step, ridge)
     offset = shift[best] + np.clip(fine, -step, step)
     misfit = left / noise**2
     sigma = np.sqrt(variance * noise**2 * np.maximum(1.0, misfit / 4.0) + _INTERPOLATION_FLOOR**2)

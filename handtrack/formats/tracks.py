@@ -6,6 +6,7 @@
   `a*b`, one over those units squared; all zero where they say nothing;
 * `evidence.csv`: `frame,edges,residual,visible_0,visible_1...`, what each pose rests on (residual empty without edges);
   with several views also `view0_edges,view0_visible_0,view0_visible_1...,view1_edges...`;
+* `rivals.csv`: another pose that the images could not tell from the tracked one, see `rivals`; if the track says;
 * `timing.csv`: `frame,seconds`, apart from the others because it differs from run to run.
 """
 
@@ -20,6 +21,7 @@ from ..errors import InputError
 from ..kinematics.tree import Model
 from ..track import LOST, TRACKED, UNCERTAIN, Track
 from .poses import code_units
+from .rivals import read_rivals, rivals_rows
 from .tables import Table, check_rising, integers, numbers, read_table, words
 from .writing import write_text
 
@@ -28,7 +30,7 @@ HEAD = ("frame", "time", "status", "confidence")
 
 
 def write_track(folder: Path | str, track: Track, model: Model | None = None) -> None:
-    """Write the five tables into a folder that exists; each is whole or absent.
+    """Write the tables into a folder that exists; each is whole or absent.
 
     Parameters
     ----------
@@ -53,6 +55,9 @@ def write_track(folder: Path | str, track: Track, model: Model | None = None) ->
     write_text(folder / "covariance.csv", covariance_text(track, units))
     write_text(folder / "information.csv", information_text(track, units, free))
     write_text(folder / "evidence.csv", evidence_text(track))
+    header, *rows = [*rivals_rows(track, units)] or [[]]
+    if header:
+        write_text(folder / "rivals.csv", _table(header, rows))
     write_text(
         folder / "timing.csv",
         _table(("frame", "seconds"), zip(map(str, track.frame), map(_short, track.seconds), strict=True)),
@@ -158,7 +163,8 @@ def read_track(folder: Path | str, model: Model | None = None) -> Track:
     """Read a track back; only `poses.csv` is needed.
 
     Without `covariance.csv` the covariance is diagonal; without `information.csv` the information is zero; without
-    `evidence.csv` there are no edges and no links, and the residual is NaN; without `timing.csv` the seconds are NaN.
+    `evidence.csv` there are no edges and no links, and the residual is NaN; without `rivals.csv` the track does not say
+    whether there were any; without `timing.csv` the seconds are NaN.
 
     Raises
     ------
@@ -192,6 +198,7 @@ def read_track(folder: Path | str, model: Model | None = None) -> Track:
     if information is None:
         information = np.zeros((frame.size, free.size, free.size))
     edges, residual, visible, view_edges, view_visible = _read_evidence(folder / "evidence.csv", frame)
+    rival, rival_weight = read_rivals(folder / "rivals.csv", frame, joints, units)
     return Track(
         joint_names=joints,
         frame=frame,
@@ -208,6 +215,8 @@ def read_track(folder: Path | str, model: Model | None = None) -> Track:
         seconds=_read_seconds(folder / "timing.csv", frame),
         view_edges=view_edges,
         view_visible=view_visible,
+        rival=rival,
+        rival_weight=rival_weight,
     )
 
 

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..bound import usual_sigma
 from ..evaluate import Evaluation, joint_error, prismatic_joints
 from ..kinematics import Model
 from ..sequences import Truth
 from ..track import Track
 from .fingers import Finger, fingers_of, short_name
 from .plots import Frame, Series, chart, mirrored_ticks, padded_limits
+
+_APART = 1.0  # degrees or model units beyond which a rival has a line of its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +30,10 @@ class Figure:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joints:
-    """Joint values as the page shows them: degrees, or model units for prismatic joints; truth has the track's rows."""
+    """Joint values as the page shows them: degrees, or model units for prismatic joints; truth has the track's rows.
+
+    `rival` is another pose that the images could not tell from the tracked one, NaN for the joints that are the same.
+    """
 
     model: Model
     fingers: tuple[Finger, ...]
@@ -36,6 +42,7 @@ class Joints:
     sigma: Float[np.ndarray, "n j"]
     truth: Float[np.ndarray, "n j"] | None
     error: Float[np.ndarray, "n j"] | None
+    rival: Float[np.ndarray, "n j"] | None = None
 
     def unit(self, joint: int) -> str:
         """Unit of a joint with the space that belongs before it."""
@@ -53,7 +60,11 @@ def joints_of(track: Track, model: Model, truth: Truth | None) -> Joints:
         true[rows] = truth.q[truth_rows]
         error = joint_error(track.q, true, prismatic) * scale
         true = true * scale
-    return Joints(model, fingers_of(model), prismatic, track.q * scale, track.sigma * scale, true, error)
+    rival = None
+    if track.rival is not None:
+        apart = np.abs(track.rival - track.q) * scale > _APART
+        rival = np.where(apart, track.rival, np.nan) * scale
+    return Joints(model, fingers_of(model), prismatic, track.q * scale, track.sigma * scale, true, error, rival)
 
 
 def finger_section(
@@ -89,10 +100,12 @@ def _angles(name: str, joints: Joints, finger: Finger, chosen: Sequence[int], fr
             joints.values[:, joint],
             joints.sigma[:, joint],
             None if joints.truth is None else joints.truth[:, joint],
+            None if joints.rival is None else joints.rival[:, joint],
         )
         for joint in chosen
     )
     shown = [item.values for item in series] + [item.truth for item in series if item.truth is not None]
+    shown += [item.rival for item in series if item.rival is not None]
     limits = padded_limits(*shown, least=4.0)
     unit = joints.unit(chosen[0])
     return Figure(name, chart(name, frame, series, limits, unit, kind="tall", ticks=5, labels=True), unit, series)
@@ -126,8 +139,18 @@ def _error_row(
         rmse = float(evaluation.rmse[joint]) * (1.0 if joints.prismatic[joint] else 180.0 / np.pi)
         inside = 100 * evaluation.coverage_2sigma[joint]
         facts = f"RMSE {small_number(rmse)}{unit}<br>{inside:.0f}\N{NO-BREAK SPACE}% in 2 sigmas"
+        ratio = bound_ratio(evaluation, joint)
+        facts += "" if ratio is None else f"<br>{ratio:.1f} \N{MULTIPLICATION SIGN} bound"
     label = f'<b class="c{place % 6}">{name}</b>'
     return f'<div class="row">{figure.html}<span class="facts">{label} {facts}</span></div>'
+
+
+def bound_ratio(evaluation: Evaluation, joint: int) -> float | None:
+    """RMSE of a joint over its usual Cramer-Rao bound; None where there is none, or the images say nothing of it."""
+    if evaluation.bounds is None:
+        return None
+    least = float(usual_sigma(evaluation.bounds)[joint])
+    return float(evaluation.rmse[joint]) / least if 0.0 < least < np.inf else None
 
 
 def small_number(value: float) -> str:

@@ -18,9 +18,11 @@ from ..camera import Camera, project, project_with_jacobian
 from ..kinematics import Model, forward, link_ends, point_jacobian
 from ..outlines import silhouettes
 from ..pills import pose_pills
+from ..surface import Surface
 from ..track import Track
 from .fingers import STATUS_COLOURS, Finger, fingers_of, rgb
 from .mosaic import side_by_side
+from .skin_overlay import draw_skin
 from .video import write_video
 
 _SHIFT = 4  # OpenCV draws at 1/16 pixel
@@ -38,6 +40,7 @@ def write_overlay(
     model: Model,
     camera: Camera | Sequence[Camera],
     fps: float | None = None,
+    surface: Surface | None = None,
 ) -> str:
     """Write the overlay video, one image for each row of the track; returns the name of the video encoder.
 
@@ -50,6 +53,8 @@ def write_overlay(
         One for each view.
     fps : float, optional
         Frames per second; by default from the track's times.
+    surface : Surface, optional
+        The skin that was tracked, drawn in place of the pills.
 
     Raises
     ------
@@ -59,7 +64,9 @@ def write_overlay(
         If PyAV has no encoder that a browser plays.
     """
     cameras = [camera] if isinstance(camera, Camera) else camera
-    return write_video(path, _overlays(frames, track, model, cameras), track_fps(track) if fps is None else fps)
+    return write_video(
+        path, _overlays(frames, track, model, cameras, surface), track_fps(track) if fps is None else fps
+    )
 
 
 def track_fps(track: Track) -> float:
@@ -69,7 +76,11 @@ def track_fps(track: Track) -> float:
 
 
 def _overlays(
-    frames: Iterable[Image | Sequence[Image]], track: Track, model: Model, cameras: Sequence[Camera]
+    frames: Iterable[Image | Sequence[Image]],
+    track: Track,
+    model: Model,
+    cameras: Sequence[Camera],
+    surface: Surface | None,
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     images = iter(frames)
     for row in range(track.frame.size):
@@ -81,14 +92,20 @@ def _overlays(
             raise ValueError(f"frames: {len(together)} images given for {len(cameras)} cameras; one for each is wanted")
         yield side_by_side(
             [
-                draw_overlay(image, track, row, model, camera, view if len(cameras) > 1 else None)
+                draw_overlay(image, track, row, model, camera, view if len(cameras) > 1 else None, surface)
                 for view, (image, camera) in enumerate(zip(together, cameras, strict=True))
             ]
         )
 
 
 def draw_overlay(
-    image: Float[np.ndarray, "h w"], track: Track, row: int, model: Model, camera: Camera, view: int | None = None
+    image: Float[np.ndarray, "h w"],
+    track: Track,
+    row: int,
+    model: Model,
+    camera: Camera,
+    view: int | None = None,
+    surface: Surface | None = None,
 ) -> UInt8[np.ndarray, "rows columns 3"]:
     """Draw row `row` of the track on its image (grey, 0..255); returns RGB, enlarged if the image is small.
 
@@ -97,6 +114,8 @@ def draw_overlay(
     view : int, optional
         Number of the view where there are several: it is written on the picture, and links are faint where this view
         does not see them; the status is written on the first alone.
+    surface : Surface, optional
+        The skin that was tracked, drawn in place of the pills.
     """
     zoom = max(1, math.ceil(_LEAST_HEIGHT / image.shape[0]))
     grey = np.clip(np.rint(image), 0, 255).astype(np.uint8)
@@ -108,7 +127,10 @@ def draw_overlay(
     visible = track.visible[row]
     if view is not None and track.view_visible is not None:
         visible = track.view_visible[row, view]
-    _draw_links(canvas, zoom, model, camera, frames, visible, fingers)
+    if surface is None:
+        _draw_links(canvas, zoom, model, camera, frames, visible, fingers)
+    else:
+        draw_skin(canvas, zoom, surface, camera, track.q[row], _link_colours(fingers, visible.size))
     _draw_axes(canvas, zoom, model, camera, frames, fingers)
     _draw_tips(canvas, zoom, model, camera, frames, track.covariance[row], fingers)
     if not view:

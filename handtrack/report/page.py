@@ -10,13 +10,14 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from string import Template
 
 import numpy as np
 
+from ..bound import Bounds
 from ..camera import Camera
 from ..kinematics import Model
 from ..sequences import Truth
@@ -73,6 +74,7 @@ def write_report(
     video: Path | None,
     truth: Truth | None,
     run: RunInfo,
+    bounds: Bounds | None = None,
 ) -> None:
     """Write the report of one run as a single HTML file.
 
@@ -88,6 +90,8 @@ def write_report(
         May be shorter than the track and lack joints.
     run : RunInfo
         Its `fps` is that of the video.
+    bounds : Bounds or None
+        Cramer-Rao bounds of some frames: with a truth the page says how near to them the errors are.
 
     Raises
     ------
@@ -96,7 +100,7 @@ def write_report(
     """
     if not track.frame.size:
         raise ValueError("track: has no frames, at least one was wanted")
-    page = render_page(track, model, camera, None if video is None else video.read_bytes(), truth, run)
+    page = render_page(track, model, camera, None if video is None else video.read_bytes(), truth, run, bounds)
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(page, encoding="utf-8", newline="\n")
@@ -112,11 +116,13 @@ def render_page(
     video: bytes | None,
     truth: Truth | None,
     run: RunInfo,
+    bounds: Bounds | None = None,
 ) -> str:
     """The text of the report; see `write_report`."""
     frame = Frame(track.time, track.status)
     cameras = [camera] if isinstance(camera, Camera) else camera
     evaluation, landmarks = (None, None) if truth is None else evaluate_views(track, truth, model, cameras)
+    evaluation = None if evaluation is None else replace(evaluation, bounds=bounds)
     joints = joints_of(track, model, truth)
     sections = [finger_section(i, joints, frame, evaluation) for i, f in enumerate(joints.fingers) if f.joints]
     quality = quality_figures(track, frame)
@@ -143,9 +149,17 @@ def render_page(
         observability=observability_section(track, model),
         settings=_table("Settings", run.settings) + _table("Versions", run.versions) + _table("Inputs", run.inputs),
         truth_key="" if truth is None else '<li><i class="key truth-key"></i>true value</li>',
+        rival_key=_rival_key(joints),
         data=_data(track, figures, run.fps),
         script=_asset("page.js"),
     )
+
+
+def _rival_key(joints: Joints) -> str:
+    """Legend of the rivals' curves, where there are any."""
+    if joints.rival is None or not np.isfinite(joints.rival).any():
+        return ""
+    return '<li><i class="key rival-key"></i>a pose that looks the same</li>'
 
 
 def _asset(name: str) -> str:

@@ -21,13 +21,14 @@ _MOST_POINTS = 1600  # in one path; more than a screen has pixels across
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """One curve: its name, CSS class (which sets its colour), values and, optionally, sigmas and true values."""
+    """One curve: name, CSS class (which sets its colour), values and, optionally, sigmas, true values and rivals."""
 
     name: str
     style: str
     values: Float[np.ndarray, " n"]
     sigma: Float[np.ndarray, " n"] | None = None
     truth: Float[np.ndarray, " n"] | None = None
+    rival: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,6 +141,9 @@ def _lines(item: Series, x: Float[np.ndarray, " n"], limits: tuple[float, float]
     if item.truth is not None:
         true = line_path(x, _BOX - positions(item.truth, *limits))
         parts.append(f'<path class="truth {item.style}" d="{true}"/>')
+    if item.rival is not None and np.isfinite(item.rival).any():
+        other = line_path(x, _BOX - positions(item.rival, *limits))
+        parts.append(f'<path class="rival {item.style}" d="{other}"/>')
     return parts
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..evaluate import Evaluation
 from ..track import Track
-from .figures import Joints, small_number
+from .figures import Joints, bound_ratio, small_number
 
 _DEGREE = "\N{DEGREE SIGN}"
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -61,6 +61,8 @@ def _evaluation_tiles(evaluation: Evaluation, views: int) -> list[str]:
     )
     name = html.escape(evaluation.joint_names[worst])
     note = f"{name}, largest error {evaluation.largest[worst] * scale:.2f}{unit}"
+    ratio = bound_ratio(evaluation, worst)
+    note += "" if ratio is None else f", {ratio:.1f} times the Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound"
     tiles = [_tile("Worst-joint RMSE", f"{small_number(float(evaluation.rmse[worst]) * scale)}{unit}", note)]
     if math.isfinite(evaluation.landmark_px):
         note = f"largest {evaluation.landmark_max_px:.2f}{_NBSP}px" + (f", {views} views together" if views > 1 else "")

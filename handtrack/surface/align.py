@@ -3,10 +3,18 @@
 Gauss-Newton steps on residuals of all pixels (`surface.dense`) and the prediction. As in `handtrack.refine`, light and
 gains are solved for with the pose and eliminated, single pixels that do not fit get robust weights, and what the
 appearance cannot express is an error that all pixels of a patch share, its size estimated from the residuals.
+
+Two things that residuals do not show are added to the covariance of the pixels, A^-1: every link of the surface may be
+displaced by some hundredths of a pixel (a renderer, a lens or a skin that are a little different), with H the gradients
+of the image on each link,
+
+    C = A^-1 + A^-1 (tau^2 sum_l J^T H_l H_l^T J) A^-1,
+
+and where outlines and shading contradict each other by more than both claim, one of them is wrong: see `conflict`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,6 +23,7 @@ from ..camera import Camera
 from ..robust import cauchy_weight, median
 from ..scatter import Whitener
 from .dense import LIGHTS, Dense, dense_rows
+from .image import EDGE
 from .shading import SurfaceAppearance
 from .skin import Surface
 
@@ -23,10 +32,15 @@ _REST = 0.5  # of a sigma in each joint: a step at which the pose rests
 _GAIN_SIGMA = 0.02  # of each region's gain
 _LIGHT_SIGMA = 3.0  # grey levels, of each coefficient of the shading
 _LEAST_PIXELS = 60
+_LEAST_CONTRAST = 5.0  # in units of the noise
+_FIRST_COVER = 0.1  # error of the covered share of a pixel before it was estimated
 _REWEIGHED = 2
 _SHRINK = 0.1  # of the covariance, with each step
 _MOST_SPREAD = 4.0
 _LEAST_S, _CUT = 0.8, 4.0
+_CAUCHY = 1.15  # what the scatter of residuals with Cauchy's weights falls short of what it does to a pose
+_DISPLACED = 0.015  # pixels by which a link may be displaced without any trace
+_MOST_CONFLICT = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +53,32 @@ class Aligned:
         Free joints, and what the images alone say of them.
     residual : float
         Root mean square of the pixels' residuals in units of the noise.
+    conflict : float
+        Squared distance of the poses that outlines and shading tell apart, in units of what it should be: about 1.
     """
 
     u: Float[np.ndarray, " k"]
     information: Float[np.ndarray, "k k"]
     residual: float
+    conflict: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """Gradient g (k,) and matrix A (k, k) of the pixels; the same of those on outlines, `edge_g` and `edge_A`;
+    the matrix of displaced links, `shifted`; sum of squared residuals and their number."""
+
+    g: Float[np.ndarray, " k"]
+    A: Float[np.ndarray, "k k"]
+    edge_g: Float[np.ndarray, " k"]
+    edge_A: Float[np.ndarray, "k k"]
+    shifted: Float[np.ndarray, "k k"]
+    squares: float
+    count: int
+
+    def plus(self, other: "_System") -> "_System":
+        """Two views together."""
+        return _System(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(self)))
 
 
 def align(
@@ -73,10 +108,10 @@ def align(
     """
     limits = surface.model.limits[surface.model.free]
     views = list(zip(images, cameras, appearance, strict=True))
-    A, residual = np.zeros_like(prior), 0.0
+    system = _nothing(u.size)
     for _ in range(steps):
-        g, A, residual = _normal_equations(views, surface, u, stride, covariance)
-        g, both = g + prior @ (u - mean), A + prior
+        system = _normal_equations(views, surface, u, stride, covariance)
+        g, both = system.g + prior @ (u - mean), system.A + prior
         free = ~((u <= limits[:, 0]) & (g > 0.0) | (u >= limits[:, 1]) & (g < 0.0))
         h = np.zeros(u.size)
         h[free] = -np.linalg.solve(both[np.ix_(free, free)], g[free])
@@ -84,7 +119,25 @@ def align(
         covariance = _SHRINK * covariance
         if h @ both @ h < _REST**2 * u.size:
             break
-    return Aligned(u, A, residual)
+    # (A^-1 + A^-1 S A^-1)^-1, also where A has no inverse.
+    least = 1e-9 * max(float(np.trace(system.A)), 1e-9) * np.eye(u.size)
+    information = system.A @ np.linalg.solve(system.A + system.shifted + least, system.A)
+    information = 0.5 * (information + information.T)
+    return Aligned(u, information, float(np.sqrt(system.squares / max(system.count, 1))), _conflict(system))
+
+
+def _nothing(k: int) -> _System:
+    return _System(*(np.zeros(shape) for shape in ((k,), (k, k), (k,), (k, k), (k, k))), squares=0.0, count=0)
+
+
+def _conflict(system: _System) -> float:
+    """(d_1 - d_2)^T (A_1^-1 + A_2^-1)^-1 (d_1 - d_2) / k with d_i = A_i^-1 g_i: outlines against all else."""
+    k = system.g.size
+    least = 1e-6 * max(float(np.trace(system.A)), 1e-9) / k * np.eye(k)
+    A1, A2 = system.edge_A + least, system.A - system.edge_A + least
+    apart = np.linalg.solve(A1, system.edge_g) - np.linalg.solve(A2, system.g - system.edge_g)
+    spread = np.linalg.inv(A1) + np.linalg.inv(A2)
+    return float(np.clip(apart @ np.linalg.solve(spread, apart) / k, 0.0, _MOST_CONFLICT))
 
 
 def _normal_equations(
@@ -93,17 +146,25 @@ def _normal_equations(
     u: Float[np.ndarray, " k"],
     stride: int,
     covariance: Float[np.ndarray, "k k"],
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"], float]:
-    """Gradient and matrix of the pixels of all views, and the root mean square of their residuals."""
-    g, A, squares, count = np.zeros(u.size), np.zeros((u.size, u.size)), 0.0, 0
+) -> _System:
+    """The pixels of all views."""
+    out = _nothing(u.size)
     for image, camera, appearance in views:
         rows = dense_rows(image, surface, camera, u, appearance, stride)
-        if rows.r.size < _LEAST_PIXELS:
-            continue
-        its_g, its_A = _eliminated(rows, _known(surface), covariance)
-        g, A = g + its_g, A + its_A
-        squares, count = squares + float((rows.r**2).sum()), count + rows.r.size
-    return g, A, float(np.sqrt(squares / max(count, 1)))
+        if rows.r.size >= _LEAST_PIXELS:
+            shift = _gradients(image, rows, appearance.noise)
+            out = out.plus(_eliminated(rows, shift, _known(surface), covariance))
+    return out
+
+
+def _gradients(image: Float[np.ndarray, "h w"], rows: Dense, noise: float) -> Float[np.ndarray, "n 2"]:
+    """What a displacement by tau pixels along x and along y changes, in units of the noise."""
+    row, column = rows.row, rows.column
+    up, down = np.maximum(row - 1, 0), np.minimum(row + 1, image.shape[0] - 1)
+    left, right = np.maximum(column - 1, 0), np.minimum(column + 1, image.shape[1] - 1)
+    by_x = image[row, right] - image[row, left]
+    by_y = image[down, column] - image[up, column]
+    return 0.5 * _DISPLACED / noise * np.column_stack([by_x, by_y])
 
 
 def _known(surface: Surface) -> Float[np.ndarray, " m"]:
@@ -114,9 +175,9 @@ def _known(surface: Surface) -> Float[np.ndarray, " m"]:
 
 
 def _eliminated(
-    rows: Dense, known: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "k k"]
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-    """Gradient and matrix of one view with light and gains solved for.
+    rows: Dense, shift: Float[np.ndarray, "n 2"], known: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "k k"]
+) -> _System:
+    """One view with light and gains solved for.
 
     Weights and scatter are those of what pose and light together leave of the residuals: a pose that is off must not
     look like outliers, nor like errors that patches share.
@@ -126,30 +187,55 @@ def _eliminated(
     prior = np.zeros((k + known.size, k + known.size))
     prior[:k, :k] = np.linalg.inv(covariance)
     prior[range(k, prior.shape[0]), range(k, prior.shape[0])] = known
-    spread = np.sqrt(_own_spread(rows.r, rows.kind) ** 2 + ((rows.J @ covariance) * rows.J).sum(axis=1))
-    weight = cauchy_weight(rows.r / spread)
+    pose = ((rows.J @ covariance) * rows.J).sum(axis=1)
+    spread = np.sqrt(1.0 + (_FIRST_COVER * rows.contrast) ** 2)
+    weight = cauchy_weight(rows.r / np.sqrt(spread**2 + pose)) / spread**2
     for _ in range(_REWEIGHED):
         weighted = both * weight[:, None]
         left = rows.r - both @ np.linalg.solve(weighted.T @ both + prior, weighted.T @ rows.r)
-        weight = cauchy_weight(left / _own_spread(left, rows.kind))
+        spread = _spread(left, rows)
+        weight = cauchy_weight(left / spread) / spread**2
     weight = np.sqrt(weight)
     s, tau = patch_scatter(weight * left, rows.patch, rows.kind)
-    white, scale = Whitener(1.0, rows.patch, *_patches(rows, s, tau)), weight / s
-    r, both = white(scale * rows.r, scale[:, None] * both)
-    J, B = both[:, :k], both[:, k:]
+    white, scale = Whitener(1.0, rows.patch, *_patches(rows, s, tau)), weight / (_CAUCHY * s)
+    links = np.unique(rows.region[rows.region >= 0])
+    moved = np.hstack([shift * (rows.region == link)[:, None] for link in links] or [np.zeros((rows.r.size, 0))])
+    r, each = white(scale * rows.r, scale[:, None] * np.hstack([both, moved]))
+    J, B, H = each[:, :k], each[:, k : k + known.size], each[:, k + known.size :]
     K = B.T @ B
     K[range(known.size), range(known.size)] += known
-    BJ, Br = B.T @ J, B.T @ r
-    solved = np.linalg.solve(K, np.column_stack([BJ, Br]))
-    return J.T @ r - BJ.T @ solved[:, -1], J.T @ J - BJ.T @ solved[:, :-1]
+    solved = np.linalg.solve(K, B.T @ np.column_stack([J, r]))
+    J_free, r_free = J - B @ solved[:, :k], r - B @ solved[:, k]
+    outline, JH = rows.kind == EDGE, J_free.T @ H
+    edge_A = J_free[outline].T @ J[outline]
+    return _System(
+        J_free.T @ r,
+        J_free.T @ J,
+        J_free[outline].T @ r_free[outline],
+        0.5 * (edge_A + edge_A.T),
+        JH @ JH.T,
+        float(rows.r @ rows.r),
+        rows.r.size,
+    )
 
 
-def _own_spread(r: Float[np.ndarray, " n"], kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Robust scatter of the residuals of each kind of pixel, at least that of the noise."""
-    out = np.ones(r.size)
-    for which in np.unique(kind):
-        at = kind == which
-        out[at] = min(max(1.0, 1.4826 * median(np.abs(r[at]))), _MOST_SPREAD)
+def _spread(left: Float[np.ndarray, " n"], rows: Dense) -> Float[np.ndarray, " n"]:
+    """Standard deviation of each residual: noise, and on outlines an error of the covered share, `q contrast`.
+
+    A renderer takes few points of a pixel, a sensor does not weigh its area evenly: q follows from what is left on
+    outlines. Away from them the scatter is that of the residuals, at least that of the noise.
+    """
+    out = np.ones(left.size)
+    outline = rows.contrast > _LEAST_CONTRAST
+    if outline.sum() >= _LEAST_PIXELS:
+        share = np.abs(left[outline]) / rows.contrast[outline]
+        noise2 = 1.0 / rows.contrast[outline] ** 2
+        cut = _CUT * 1.4826 * median(share)
+        q2 = float((np.minimum(share, cut) ** 2 - noise2).mean())
+        out[outline] = np.sqrt(1.0 + max(q2, 0.0) * rows.contrast[outline] ** 2)
+    for which in np.unique(rows.kind):
+        at = (rows.kind == which) & ~outline
+        out[at] = min(max(1.0, 1.4826 * median(np.abs(left[at]))), _MOST_SPREAD)
     return out
 
 

@@ -7,12 +7,14 @@ hang on, or the base. The pose and place at which the mesh was bound are those w
 
     min over q, X   sum_j w_j | origin_j(q) - X b_j |^2
 
-over joint values q and rigid transforms X (Kabsch in closed form for each q). A mesh of another hand leaves a misfit
-that no pose mends; above a few millimetres it is refused.
+over joint values q and similarities X (rotation, scale and shift, in closed form for each q). So one mesh serves hands
+of any size; if its mirror image fits far better, model and mesh are of different sides and the mirror image is taken.
+A mesh of another shape leaves a misfit that no pose mends; above a few millimetres it is refused.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -22,7 +24,9 @@ from ..formats.glb import FINGERS, SkinnedMesh
 from ..kinematics import Model, forward, link_ends, pose_from_free
 from .skin import Surface, joint_tables, mesh_edges
 
-_MOST_MISFIT = 4.0  # mm, root mean square over the joints
+_MOST_MISFIT = 2.0  # mm, root mean square over the joints
+_SURELY, _CLEARLY = 0.2, 0.5  # mm of misfit at which no mirror image is tried, and how much better that must fit
+_LEAST_BREADTH = 5.0  # mm across the line along which the joints spread most, root of the sum of squares
 _TIP_WEIGHT = 0.02  # a model's last link ends where its cap begins, which is not where a mesh puts its tip
 _LEAN = 1e-3  # mm for each radian: what no joint position tells stays near the middle of its range
 _SPOKEN = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4, "pinky": 4}
@@ -56,15 +60,18 @@ def bind(
     """
     drives = drives_by_name(model, mesh.joint_names) if drives is None else tuple(drives)
     frame_of = _driving_frames(model, mesh, drives)
-    rest, place, misfit = _rest_pose(model, mesh, frame_of)
-    worst = float(np.sqrt(np.mean(misfit**2)))
-    if not worst <= most_misfit:
+    found = _rest_pose(model, mesh, frame_of)
+    if found.off > _SURELY:
+        other = mirrored(mesh)
+        its = _rest_pose(model, other, frame_of)
+        mesh, found = (other, its) if its.off < _CLEARLY * found.off else (mesh, found)
+    if not found.off <= most_misfit:
         raise ValueError(
-            f"mesh: its joints lie {worst:.1f} mm from those of model '{model.name}' at the best pose;"
+            f"mesh: its joints lie {found.off:.1f} mm from those of model '{model.name}' at the best pose;"
             f" at most {most_misfit:.1f} mm is wanted: model and mesh of one hand"
         )
     driven = _followed(mesh, frame_of, _palm_frame(model, frame_of))
-    return _tied(model, mesh, driven, rest, place, misfit)
+    return _tied(model, mesh, driven, found)
 
 
 def drives_by_name(model: Model, joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -123,12 +130,30 @@ def _landmarks(
     return joints, frame_of[joints], np.array(tips, dtype=int), np.array(links, dtype=int)
 
 
-def _rest_pose(
-    model: Model, mesh: SkinnedMesh, frame_of: Int[np.ndarray, " j"]
-) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, "4 4"], Float[np.ndarray, " m"]]:
-    """Joint values and rigid transform (world from mesh) of the bind pose, and the misfit of each joint."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Joint values of the bind pose (j,), the similarity world from mesh (4, 4), and each joint's misfit (m,), mm."""
+
+    rest: Float[np.ndarray, " j"]
+    place: Float[np.ndarray, "4 4"]
+    misfit: Float[np.ndarray, " m"]
+
+    @property
+    def off(self) -> float:
+        """Root mean square of the misfit."""
+        return float(np.sqrt(np.mean(self.misfit**2)))
+
+
+def _rest_pose(model: Model, mesh: SkinnedMesh, frame_of: Int[np.ndarray, " j"]) -> _Fitted:
+    """The bind pose that brings the joints of both closest."""
     joints, frames_at, tips, links = _landmarks(model, mesh, frame_of)
     wanted = np.concatenate([mesh.bind[joints, :3, 3], mesh.bind[tips, :3, 3]])
+    size = np.linalg.svd(mesh.bind[joints, :3, 3] - mesh.bind[joints, :3, 3].mean(axis=0), compute_uv=False)
+    if size.size < 3 or size[1] < _LEAST_BREADTH:
+        raise ValueError(
+            f"model: {joints.size} joints of '{model.name}' are found in the mesh, all on one line; those of two fingers"
+            " are wanted, or nothing tells which way the hand is turned"
+        )
     weight = np.concatenate([np.ones(joints.size), np.full(tips.size, _TIP_WEIGHT)])
     limits = model.limits[model.free]
     low, high = np.where(np.isfinite(limits), limits, [-math.pi, math.pi]).T
@@ -141,7 +166,7 @@ def _rest_pose(
 
     def cost(u: Float[np.ndarray, " k"]) -> Float[np.ndarray, " m"]:
         there = places(u)
-        left = there - _moved(_kabsch(wanted, there, weight), wanted)
+        left = there - _moved(_similarity(wanted, there, weight), wanted)
         return np.concatenate([(weight[:, None] * left).reshape(-1), _LEAN * (u - middle)])
 
     best = None
@@ -150,21 +175,35 @@ def _rest_pose(
         best = found if best is None or found.cost < 0.999 * best.cost else best
     u = best.x
     there = places(u)
-    place = _kabsch(wanted, there, weight)
+    place = _similarity(wanted, there, weight)
     off = np.linalg.norm(there - _moved(place, wanted), axis=1)
-    return pose_from_free(model, u), place, off[: joints.size]
+    return _Fitted(pose_from_free(model, u), place, off[: joints.size])
 
 
-def _kabsch(
+def mirrored(mesh: SkinnedMesh) -> SkinnedMesh:
+    """The other hand: mirrored in x, with its triangles turned round so that they still face outwards."""
+    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+    return replace(
+        mesh,
+        vertices=mesh.vertices @ flip[:3, :3],
+        normals=mesh.normals @ flip[:3, :3],
+        triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]),
+        bind=flip @ mesh.bind @ flip,
+    )
+
+
+def _similarity(
     source: Float[np.ndarray, "m 3"], target: Float[np.ndarray, "m 3"], weight: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, "4 4"]:
-    """The rigid transform that takes points to points with the least weighted squared distance."""
+    """Rotation, scale and shift that take points to points with the least weighted squared distance (Umeyama 1991)."""
     w = (weight**2 / (weight**2).sum())[:, None]
     from_middle, to_middle = (w * source).sum(axis=0), (w * target).sum(axis=0)
-    left, _, right = np.linalg.svd((target - to_middle).T @ (w * (source - from_middle)))
-    flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    spread = w * (source - from_middle)
+    left, size, right = np.linalg.svd((target - to_middle).T @ spread)
+    flip = np.array([1.0, 1.0, np.linalg.det(left @ right)])
+    scale = float((size * flip).sum()) / max(float((spread * (source - from_middle)).sum()), 1e-12)
     out = np.eye(4)
-    out[:3, :3] = left @ flip @ right
+    out[:3, :3] = scale * (left * flip) @ right
     out[:3, 3] = to_middle - out[:3, :3] @ from_middle
     return out
 
@@ -201,11 +240,11 @@ def _tied(
     model: Model,
     mesh: SkinnedMesh,
     driven: Int[np.ndarray, " j"],
-    rest: Float[np.ndarray, " j"],
-    place: Float[np.ndarray, "4 4"],
-    misfit: Float[np.ndarray, " m"],
+    found: _Fitted,
 ) -> Surface:
     """Weights gathered by frame, and vertices in the axes of their frames."""
+    rest, place = found.rest, found.place
+    scale = float(np.cbrt(np.linalg.det(place[:3, :3])))
     used = np.unique(driven)
     shares = np.zeros((mesh.vertices.shape[0], used.size))
     np.add.at(
@@ -219,7 +258,7 @@ def _tied(
     weight = np.where(weight > 1e-6, weight, 0.0)
     weight = weight / weight.sum(axis=1, keepdims=True)
     world = _moved(place, mesh.vertices)
-    normal = mesh.normals @ place[:3, :3].T
+    normal = mesh.normals @ place[:3, :3].T / scale
     frames = np.concatenate([forward(model, rest), np.eye(4)[None]])[used[bone]]
     turn = np.swapaxes(frames[..., :3, :3], -1, -2)
     region, link, finger = _regions(model, rest, world, mesh.triangles, used, shares)
@@ -241,7 +280,8 @@ def _tied(
         edge=edge,
         edge_side=edge_side,
         rest=rest,
-        misfit=misfit,
+        misfit=found.misfit,
+        scale=scale,
     )
 
 

@@ -12,20 +12,19 @@ true pose this tells joint angles ten times better.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._kernels import mesh_dense as kernels
-from ..camera import Camera, project_with_jacobian
-from .contour import contour_places, place_contour
-from .image import EDGE, INSIDE, Box, box_of
+from ..camera import Camera
+from .image import EDGE, INSIDE, Box, box_of, lens_blur
+from .outline import Motion, outline_pieces, vertex_motion
 from .shading import LOW, SPACING, SurfaceAppearance
-from .skin import Surface, edge_points, vertex_normals
-from .templates import contact_table
+from .skin import Surface
 from .view import moving_box, moving_triangles, view_of
 
 LIGHTS = 5  # ways in which the light may be off
-_PIECE = 0.5  # pixels of outline taken at a time
 _BLACK, _WHITE = 0.5, 254.5  # grey levels that a sensor may have cut
 _CELL = 12.0  # pixels along a side of a patch
 
@@ -43,6 +42,10 @@ class Dense:
         the gain of each region.
     row, column, kind : (n,), (n,), (n,)
         Pixel, and INSIDE, RIM or EDGE.
+    region : (n,)
+        Region of the surface that it shows, -1 for none.
+    contrast : (n,)
+        Step in grey level of the outline that crosses the pixel, in units of the noise; 0 where none does.
     patch : (n,)
         Patch of the image it lies in, by region and kind, numbered from 0 without gaps.
     """
@@ -53,30 +56,9 @@ class Dense:
     row: Int[np.ndarray, " n"]
     column: Int[np.ndarray, " n"]
     kind: Int[np.ndarray, " n"]
+    region: Int[np.ndarray, " n"]
+    contrast: Float[np.ndarray, " n"]
     patch: Int[np.ndarray, " n"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """Image places of all vertices' derivatives by the free joints: pixels, 1 / depth, normal in camera axes."""
-
-    dxy: Float[np.ndarray, "v 2 k"]
-    s: Float[np.ndarray, " v"]
-    ds: Float[np.ndarray, "v k"]
-    dn: Float[np.ndarray, "v 3 k"]
-
-
-def vertex_motion(surface: Surface, camera: Camera, u: Float[np.ndarray, " k"]) -> Motion:
-    """How every vertex and its normal move."""
-    every = np.arange(surface.weight.shape[0])
-    p, dp = edge_points(surface, np.stack([every, every], axis=1), np.zeros(every.size), u)
-    _, d_normal = vertex_normals(surface, every, u)
-    _, d_xy = project_with_jacobian(camera, p)
-    s, ds = np.ones(every.size), np.zeros((every.size, u.size))
-    if camera.kind == "perspective":
-        s = 1.0 / (p @ camera.R[2] + camera.t[2])
-        ds = -(s * s)[:, None] * (camera.R[2] @ dp)
-    return Motion(d_xy @ dp, s, ds, camera.R @ d_normal)
 
 
 def _moved(surface: Surface, motion: Motion) -> Bool[np.ndarray, "t k"]:
@@ -115,12 +97,14 @@ def dense_rows(
     stride : int
         Inside the surface one pixel in `stride` along rows and columns is taken; all on edges and beside them.
     """
+    lens = lens_blur(appearance)
     view = view_of(surface, camera, u)
-    low, high = moving_box(surface, camera, view, 2.0)
+    low, high = moving_box(surface, camera, view, 2.0 + 3.0 * lens)
     box = box_of(surface, camera, view, low, high)
     height, width = box.triangle.shape
     part = np.ascontiguousarray(image[box.y0 : box.y0 + height, box.x0 : box.x0 + width], dtype=float)
-    row, column = np.nonzero(chosen_pixels(surface, box, part, stride))
+    chosen = chosen_pixels(surface, box, part, stride)
+    row, column = np.nonzero(box.kind > 0 if lens > 0.0 else chosen)
     kind, level = box.kind[row, column], part[row, column]
     n, m, plain = row.size, LIGHTS + surface.finger.size, appearance.plain
     r, J, B, region = np.empty(n), np.empty((n, u.size)), np.empty((n, m)), np.empty(n, dtype=np.int64)
@@ -145,27 +129,14 @@ def dense_rows(
     )
     row_of = np.full(box.triangle.shape, -1, dtype=np.int64)
     row_of[row, column] = np.arange(n)
-    _outline(surface, camera, view, u, motion, mesh, light, appearance, row_of, box, J)
-    cell = np.floor(np.column_stack([column, row]) / _CELL).astype(np.int64)
-    key = ((region + 1) * 4 + kind) * 1_000_000 + cell[:, 0] * 1000 + cell[:, 1]
-    patch = np.unique(key, return_inverse=True)[1].reshape(-1)
-    return Dense(r, J, B, row + box.y0, column + box.x0, kind, patch)
-
-
-def _outline(surface, camera, view, u, motion, mesh, light, appearance, row_of, box, J) -> None:
-    """Add the outline's part to J."""
-    at, length = contour_places(surface, view.mesh, _PIECE, 0.0)
-    dxy = (1.0 - at.share)[:, None, None] * motion.dxy[at.vertex[:, 0]] + at.share[:, None, None] * motion.dxy[
-        at.vertex[:, 1]
-    ]
-    samplers = place_contour(surface, view.skin, view.mesh, camera, u, at)
-    outwards = (samplers.direction[:, None, :] @ dxy)[:, 0, :]
+    contrast = np.zeros(n)
+    pieces = outline_pieces(surface, camera, view, u, motion)
     kernels.add_outline(
-        samplers.origin,
-        samplers.direction,
-        contact_table(surface, samplers, at, camera),
-        outwards,
-        length,
+        pieces.origin,
+        pieces.direction,
+        pieces.contact,
+        pieces.outwards,
+        pieces.length,
         row_of,
         box.x0,
         box.y0,
@@ -176,6 +147,55 @@ def _outline(surface, camera, view, u, motion, mesh, light, appearance, row_of, 
         view.skin.normal,
         appearance.albedo,
         light,
-        (appearance.plain.background, appearance.plain.noise),
+        (plain.background, plain.noise),
         J,
+        contrast,
     )
+    patch = _patches(kind, region, row, column)
+    sharp = Dense(r, J, B, row + box.y0, column + box.x0, kind, region, contrast, patch)
+    return sharp if lens == 0.0 else _through_lens(sharp, box, part, chosen, appearance, lens)
+
+
+def _through_lens(
+    sharp: Dense,
+    box: Box,
+    part: Float[np.ndarray, "h w"],
+    chosen: Bool[np.ndarray, "h w"],
+    appearance: SurfaceAppearance,
+    lens: float,
+) -> Dense:
+    """The rows of a blurred image: expected levels and derivatives are blurred like the image, as planes.
+
+    Pixels of the background that the surface is smeared over count as pixels on an edge.
+    """
+    noise, row, column = appearance.noise, sharp.row - box.y0, sharp.column - box.x0
+    k, m = sharp.J.shape[1], sharp.B.shape[1]
+    planes = np.zeros((*box.triangle.shape, k + m + 2))
+    expected = part[row, column] - noise * sharp.r
+    planes[row, column] = np.column_stack([sharp.J, sharp.B, sharp.contrast, expected - appearance.background])
+    for i in range(k + m + 2):  # one filter for each plane
+        planes[..., i] = cv2.GaussianBlur(planes[..., i].copy(), (0, 0), lens, borderType=cv2.BORDER_REPLICATE)
+    size = 2 * int(np.ceil(2.0 * lens)) + 1
+    smeared = cv2.dilate((chosen & (box.kind == EDGE)).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    usable = (part > _BLACK) & (part < _WHITE)
+    row, column = np.nonzero(usable & (chosen | (smeared & (box.kind == 0))))
+    of = planes[row, column]
+    regions = np.full(box.triangle.shape, -1)
+    regions[sharp.row - box.y0, sharp.column - box.x0] = sharp.region
+    region = np.asarray(regions[row, column])
+    kind = np.where(box.kind[row, column] == 0, EDGE, box.kind[row, column])
+    r = (part[row, column] - appearance.background - of[:, -1]) / noise
+    patch = _patches(kind, region, row, column)
+    return Dense(r, of[:, :k], of[:, k : k + m], row + box.y0, column + box.x0, kind, region, of[:, -2], patch)
+
+
+def _patches(
+    kind: Int[np.ndarray, " n"],
+    region: Int[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    column: Int[np.ndarray, " n"],
+) -> Int[np.ndarray, " n"]:
+    """Numbers of the patches that pixels lie in, without gaps."""
+    cell = np.floor(np.column_stack([column, row]) / _CELL).astype(np.int64)
+    key = ((region + 1) * 4 + kind) * 1_000_000 + cell[:, 0] * 1000 + cell[:, 1]
+    return np.unique(key, return_inverse=True)[1].reshape(-1)

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..robust import median
-
 _STARTS = (4.0, 20.0)  # exponents to begin with
 _STEPS, _FIRST_STEPS = 4, 20
-_LEAST, _MOST = 1.0, 200.0  # of the exponent
+_SEEN = 0.02  # of the light: a highlight that was found once is followed
+_LEAST, _MOST = 1.0, 100.0  # of the exponent
+_USUAL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.log(12.0)])  # what a highlight that no reading tells of is held to,
+_WITHIN = np.array([np.inf, np.inf, np.inf, np.inf, 40.0, 1.0])  # and how tightly: grey levels, and log exponent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,7 @@ def fit_gloss(
     before : Gloss
         The last fit, to start from.
     """
-    if before is not None:
+    if before is not None and before.gloss > _SEEN * np.linalg.norm(before.light):
         return _fitted(normal, level, noise, before, _STEPS)
     size = float(np.linalg.norm(light))
     direction = light / size if size > 0.0 else np.array([0.0, 0.0, -1.0])
@@ -95,29 +96,33 @@ def _fitted(
     x, damping = _numbers(start), 1e-3
     off = level - gloss_levels(start, normal)
     for _ in range(steps):
-        weight = _weight(off, noise)
+        weight, held = _weight(off, noise), max(spread_of(off), noise) ** 2 / _WITHIN**2
         J = _slope(x, normal)
-        A, g = (J * weight[:, None]).T @ J, J.T @ (weight * off)
-        cost = float((weight * off * off).sum())
+        A, g = (J * weight[:, None]).T @ J + np.diag(held), J.T @ (weight * off) + held * (_USUAL - x)
+        cost = float((weight * off * off).sum() + (held * (x - _USUAL) ** 2).sum())
         for _ in range(4):
-            trial = x + np.linalg.solve(A + damping * np.diag(A.diagonal() + 1e-6), g)
+            trial = _numbers(_gloss(x + np.linalg.solve(A + damping * np.diag(A.diagonal() + 1e-6), g), 0.0))
             left = level - gloss_levels(_gloss(trial, 0.0), normal)
-            if float((weight * left * left).sum()) <= cost:
-                x, off, damping = (
-                    _numbers(_gloss(trial, 0.0)),
-                    left,
-                    0.2 * damping,
-                )
+            if float((weight * left * left).sum() + (held * (trial - _USUAL) ** 2).sum()) <= cost:
+                x, off, damping = trial, left, 0.2 * damping
                 break
             damping *= 10.0
         else:
             break
-    return _gloss(x, 1.4826 * median(np.abs(off)))
+    return _gloss(x, spread_of(off))
 
 
 def _weight(off: Float[np.ndarray, " n"], noise: float) -> Float[np.ndarray, " n"]:
-    cut = 4.7 * max(1.4826 * median(np.abs(off)), noise)
+    cut = 4.7 * max(spread_of(off), noise)
     return np.where(np.abs(off) < cut, (1.0 - (off / cut) ** 2) ** 2, 0.0)
+
+
+def spread_of(off: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of the better part: the lower third of a normal's absolute values lies below 0.43 sigma.
+
+    A third of the surface may have another colour, or a shadow on it, without any effect.
+    """
+    return float(np.percentile(np.abs(off), 100.0 / 3.0)) / 0.4307 if off.size else 0.0
 
 
 def _slope(x: Float[np.ndarray, " 6"], normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 6"]:

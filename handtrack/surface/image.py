@@ -95,7 +95,7 @@ def shade_box_numpy(surface: Surface, view: View, box: Box, appearance: SurfaceA
     """The same as `shade_box` in plain NumPy: the twin of the compiled kernel."""
     image = np.full(box.triangle.shape, appearance.plain.background)
     row, column = np.nonzero(box.kind == INSIDE)
-    image[row, column] = _levels(surface, view, appearance, np.column_stack([column + box.x0, row + box.y0]) + 0.0)
+    image[row, column] = levels_at(surface, view, appearance, np.column_stack([column + box.x0, row + box.y0]) + 0.0)
     for kind, points, step in (
         (RIM, kernels.RIM_POINTS, kernels.RIM_STEP),
         (EDGE, kernels.EDGE_POINTS, kernels.EDGE_STEP),
@@ -104,20 +104,26 @@ def shade_box_numpy(surface: Surface, view: View, box: Box, appearance: SurfaceA
         centre, total = np.column_stack([column + box.x0, row + box.y0]), np.zeros(row.size)
         for i in range(points):
             place = (np.array([i, i * step % points]) + 0.5) / points - 0.5
-            total += _levels(surface, view, appearance, centre + place)
+            total += levels_at(surface, view, appearance, centre + place)
         image[row, column] = total / points
     return image
 
 
-def _levels(
+def levels_at(
     surface: Surface, view: View, appearance: SurfaceAppearance, points: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
+    """Grey levels of image points, in plain NumPy."""
     seen = probe(view.mesh, view.tiles, points)
     normal = smooth_normals(view.skin, view.mesh, seen)
     on = seen.triangle >= 0
     colour = (seen.bary * appearance.albedo[view.mesh.triangles[seen.triangle]]).sum(axis=1)
     level = appearance.plain.gain[surface.region[seen.triangle]] * colour * lit_levels(appearance, normal)
     return np.where(on, level, appearance.plain.background)
+
+
+def lens_blur(appearance: SurfaceAppearance) -> float:
+    """Standard deviation of the blur beyond that of a square pixel and its sampling, pixels."""
+    return float(np.sqrt(max(appearance.blur**2 - SHARP**2, 0.0)))
 
 
 def expected_image(
@@ -127,13 +133,13 @@ def expected_image(
     appearance: SurfaceAppearance,
     box: Box,
     wanted: Bool[np.ndarray, "h w"] | None = None,
-) -> Float[np.ndarray, "h w"]:
+) -> Float[np.ndarray, "rows columns"]:
     """The whole image that the surface in the box should give, background everywhere else.
 
     If only some pixels of the box are wanted, the others are not to be relied on.
     """
     image = np.full((camera.height, camera.width), appearance.plain.background)
-    lens = float(np.sqrt(max(appearance.blur**2 - SHARP**2, 0.0)))
+    lens = lens_blur(appearance)
     if wanted is not None and lens > 0.0:
         size = 2 * int(np.ceil(3.0 * lens)) + 1
         wanted = cv2.dilate(wanted.astype(np.uint8), np.ones((size, size), np.uint8)) > 0

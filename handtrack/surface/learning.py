@@ -1,4 +1,4 @@
-"""An image and a surface posed in it in, how the surface shines out."""
+"""An image and a surface posed in it in, how the surface shines and how blurred it looks out."""
 
 from dataclasses import replace
 
@@ -8,14 +8,17 @@ from jaxtyping import Bool, Float
 
 from ..appearance import learn_from_samples, pixel_noise
 from ..camera import Camera
-from .image import INSIDE, RIM, Box, box_of, expected_image, fragments
+from ..sharpness import BLURS
+from .image import EDGE, INSIDE, RIM, Box, box_of, expected_image, fragments
 from .raster import smooth_normals
-from .shading import Readings, SurfaceAppearance, expected_levels, learn_shading, plain_appearance
+from .shading import FAIR, Readings, SurfaceAppearance, expected_levels, learn_shading, plain_appearance
 from .skin import Surface
 from .view import View, moving_box, moving_triangles, view_of
 
 _BEYOND = 24.0  # pixels around the hand that are taken for background
 _MOST = 3000  # readings of the smooth shading
+_LEAST_OUTLINE = 100  # pixels
+_BETTER = 0.9  # a new blur must leave this much less
 _BLACK, _WHITE = 1.5, 253.5  # grey levels that a sensor may have cut
 
 
@@ -43,7 +46,12 @@ def learn_surface(
     row, column = np.nonzero(inside)
     noise = pixel_noise(part, np.column_stack([column, row]).astype(float), np.ones(row.size, dtype=bool))
     regions, before = surface.finger.size, previous.plain if previous else None
-    plain = learn_from_samples(centre.normal, centre.region, centre.level, behind, noise, regions, before)
+    colour = centre.colour(previous.albedo if previous else np.ones(surface.weight.shape[0]))
+    fair = colour > FAIR
+    plain = learn_from_samples(
+        centre.normal[fair], centre.region[fair], centre.level[fair], behind, noise, regions, before
+    )
+    plain = replace(plain, gain=np.ones(regions))  # the albedo says it all, and better
     known = previous or plain_appearance(plain, surface.weight.shape[0])
     return learn_shading(plain, known, _at_centres(surface, camera, view, box, replace(known, plain=plain), every))
 
@@ -75,3 +83,30 @@ def _at_centres(
     whole = expected_image(surface, camera, view, known, box, rim)
     made = whole[of.row + box.y0, of.column + box.x0] - expected_levels(known, of)
     return replace(of, level=of.level - np.where(rim[of.row, of.column], made, 0.0))
+
+
+def learn_lens(
+    image: Float[np.ndarray, "h w"],
+    surface: Surface,
+    camera: Camera,
+    u: Float[np.ndarray, " k"],
+    appearance: SurfaceAppearance,
+) -> SurfaceAppearance:
+    """The appearance with the blur, out of `sharpness.BLURS`, that explains the pixels about the outline best."""
+    view = view_of(surface, camera, u)
+    low, high = moving_box(surface, camera, view, 8.0)
+    box = box_of(surface, camera, view, low, high)
+    moving = (box.triangle >= 0) & moving_triangles(surface)[box.triangle]
+    outline = cv2.dilate(((box.kind == EDGE) & moving).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    if outline.sum() < _LEAST_OUTLINE:
+        return appearance
+    row, column = np.nonzero(outline)
+    level = image[row + box.y0, column + box.x0]
+    tried = [replace(appearance, plain=replace(appearance.plain, blur=float(blur))) for blur in BLURS]
+    wanted = box.kind > 0
+    left = []
+    for each in tried:
+        should = expected_image(surface, camera, view, each, box, wanted)[row + box.y0, column + box.x0]
+        left.append(float(np.median(np.abs(level - should))))
+    now, best = int(np.argmin(np.abs(BLURS - appearance.blur))), int(np.argmin(left))
+    return tried[best] if left[best] < _BETTER * left[now] else appearance

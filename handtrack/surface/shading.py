@@ -12,7 +12,7 @@ camera in the middle. Where no grey level was read it is pulled towards a smooth
 ends somewhere) is pulled towards one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,7 +28,38 @@ _MEMORY = 0.8  # weight of what earlier frames told, for each new frame
 _ALBEDO_PRIOR = 12.0  # pixels that say the albedo is one
 _TRUST = 20.0  # how much tighter the table is held where one light with a highlight explains the surface
 _KEPT_EACH, _KEPT = 1200, 6000  # readings kept of each frame, and of all
+FAIR = 0.9  # albedo below which a surface says little of the light
 _LEAST_CUT = 0.03  # of the brightest level: how far plausible levels may be off
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """Grey levels of surface points.
+
+    Attributes
+    ----------
+    normal, region, level : (n, 3), (n,), (n,)
+    row, column : (n,), (n,)
+        Pixel of the box they were read in.
+    vertex, share : (n, 3), (n, 3)
+        Corners of the triangle each lies on, and barycentric coordinates.
+    """
+
+    normal: Float[np.ndarray, "n 3"]
+    region: Int[np.ndarray, " n"]
+    level: Float[np.ndarray, " n"]
+    vertex: Int[np.ndarray, "n 3"]
+    share: Float[np.ndarray, "n 3"]
+    row: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+
+    def chosen(self, at) -> "Readings":
+        """Some of them."""
+        return Readings(*(getattr(self, field.name)[at] for field in fields(self)))
+
+    def colour(self, albedo: Float[np.ndarray, " v"]) -> Float[np.ndarray, " n"]:
+        """Albedo blended between the corners."""
+        return (self.share * albedo[self.vertex]).sum(axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +84,8 @@ class SurfaceAppearance:
         What they told of the albedo: sums of weighted ratios and of weights.
     gloss : Gloss or None
         One light with a highlight, as far as it was fitted.
-    kept_normal, kept_level : (m, 3), (m,)
-        Some readings of the last frames, without gain and albedo.
+    kept : Readings
+        Some readings of the last frames, where the surface is not dark.
     """
 
     plain: Appearance
@@ -67,8 +98,7 @@ class SurfaceAppearance:
     told: Float[np.ndarray, " v"]
     count: Float[np.ndarray, " v"]
     gloss: Gloss | None
-    kept_normal: Float[np.ndarray, "m 3"]
-    kept_level: Float[np.ndarray, " m"]
+    kept: Readings
 
     @property
     def noise(self) -> float:
@@ -86,26 +116,7 @@ class SurfaceAppearance:
         return self.plain.background
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """Grey levels of surface points.
-
-    Attributes
-    ----------
-    normal, region, level : (n, 3), (n,), (n,)
-    row, column : (n,), (n,)
-        Pixel of the box they were read in.
-    vertex, share : (n, 3), (n, 3)
-        Corners of the triangle each lies on, and barycentric coordinates.
-    """
-
-    normal: Float[np.ndarray, "n 3"]
-    region: Int[np.ndarray, " n"]
-    level: Float[np.ndarray, " n"]
-    vertex: Int[np.ndarray, "n 3"]
-    share: Float[np.ndarray, "n 3"]
-    row: Int[np.ndarray, " n"]
-    column: Int[np.ndarray, " n"]
+_NO_READINGS = (((3,), float), ((), int), ((), float), ((3,), int), ((3,), float), ((), int), ((), int))
 
 
 def plain_appearance(plain: Appearance, vertices: int) -> SurfaceAppearance:
@@ -123,8 +134,7 @@ def plain_appearance(plain: Appearance, vertices: int) -> SurfaceAppearance:
         told=nothing,
         count=nothing,
         gloss=None,
-        kept_normal=np.zeros((0, 3)),
-        kept_level=np.zeros(0),
+        kept=Readings(*(np.zeros((0, *width), kind) for width, kind in _NO_READINGS)),
     )
 
 
@@ -194,8 +204,7 @@ def lit_levels(appearance: SurfaceAppearance, normal: Float[np.ndarray, "n 3"]) 
 
 def expected_levels(appearance: SurfaceAppearance, of: Readings) -> Float[np.ndarray, " n"]:
     """What the appearance says of surface points."""
-    colour = (of.share * appearance.albedo[of.vertex]).sum(axis=1)
-    return appearance.plain.gain[of.region] * colour * lit_levels(appearance, of.normal)
+    return appearance.plain.gain[of.region] * of.colour(appearance.albedo) * lit_levels(appearance, of.normal)
 
 
 def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) -> SurfaceAppearance:
@@ -209,15 +218,16 @@ def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) ->
         What is known from earlier frames.
     """
     noise = max(plain.noise, 0.3)
-    colour = (of.share * before.albedo[of.vertex]).sum(axis=1)
+    colour = of.colour(before.albedo)
     factor = plain.gain[of.region] * colour
     off = of.level - expected_levels(before, of)
     weight = _tukey(off, noise, float(np.abs(of.level).max(initial=1.0)))
     right = of.level / np.maximum(factor, 1e-3)
-    kept_normal, kept_level = _kept(before, of.normal[weight > 0.2], right[weight > 0.2])
-    gloss = (
-        fit_gloss(kept_normal, kept_level, plain.shading[25:], noise, before.gloss) if kept_level.size > 200 else None
-    )
+    kept = _kept(before.kept, of.chosen((weight > 0.2) & (colour > FAIR)))
+    gloss = None
+    if kept.level.size > 200:
+        fair = kept.chosen(kept.colour(before.albedo) > FAIR)
+        gloss = fit_gloss(fair.normal, fair.level, plain.shading[25:], noise, before.gloss)
     if gloss is not None and gloss.spread >= max(0.9 * plain.spread, 1.2 * noise):
         gloss = None
     light = plain.shading[25:] if gloss is None else gloss.light
@@ -225,28 +235,23 @@ def learn_shading(plain: Appearance, before: SurfaceAppearance, of: Readings) ->
     lit = np.maximum(of.normal @ light, 0.0)
     column, splines = table_rows(of.normal)
     matrix, vector = _MEMORY * before.matrix, _MEMORY * before.vector
-    kernels.add_rows(column, splines, right - lit, weight * (factor / noise) ** 2, matrix, vector)
+    sound = np.where(colour > FAIR, weight, 0.0) * (factor / noise) ** 2
+    kernels.add_rows(column, splines, right - lit, sound, matrix, vector)
     whole = np.tril(matrix) + np.tril(matrix, -1).T
     sure = 1.0 if gloss is None else (plain.spread / max(gloss.spread, noise)) ** 2 * _TRUST
     table = np.linalg.solve(whole + sure * _PRIOR, vector + sure * _PRIOR @ prior).reshape(SIZE, SIZE)
     smooth = plain.gain[of.region] * (lit + table_levels(table, of.normal))
     albedo, told, count = _albedo(before, of, smooth, noise)
-    off = of.level - smooth * (of.share * albedo[of.vertex]).sum(axis=1)
+    off = of.level - smooth * of.colour(albedo)
     spread = max(1.4826 * median(np.abs(off)), plain.noise) if off.size else plain.spread
-    return SurfaceAppearance(
-        plain, light, table, albedo, spread, matrix, vector, told, count, gloss, kept_normal, kept_level
-    )
+    return SurfaceAppearance(plain, light, table, albedo, spread, matrix, vector, told, count, gloss, kept)
 
 
-def _kept(
-    before: SurfaceAppearance, normal: Float[np.ndarray, "n 3"], level: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
+def _kept(before: Readings, of: Readings) -> Readings:
     """Some readings of this frame and of the last ones."""
-    stride = max(normal.shape[0] // _KEPT_EACH, 1)
-    return (
-        np.concatenate([normal[::stride], before.kept_normal])[:_KEPT],
-        np.concatenate([level[::stride], before.kept_level])[:_KEPT],
-    )
+    new = of.chosen(slice(None, None, max(of.level.size // _KEPT_EACH, 1)))
+    pairs = ((getattr(new, field.name), getattr(before, field.name)) for field in fields(Readings))
+    return Readings(*(np.concatenate(pair)[:_KEPT] for pair in pairs))
 
 
 def _grid_normals() -> Float[np.ndarray, "n 3"]:
@@ -286,14 +291,31 @@ def _albedo(
     The ratio is taken of what the albedo so far leaves, so that it sharpens from frame to frame.
     """
     bright = smooth > 4.0 * noise
-    colour = np.maximum((of.share * before.albedo[of.vertex]).sum(axis=1), 0.02)
+    colour = np.maximum(of.colour(before.albedo), 0.02)
     ratio = of.level / np.maximum(smooth * colour, 1e-3)
     weight = np.where(bright, (smooth / max(float(np.median(smooth)) if smooth.size else 1.0, 1e-3)) ** 2, 0.0)
     told, count = _MEMORY * before.told, _MEMORY * before.count
     target = np.clip(ratio[:, None] * before.albedo[of.vertex], 0.02, 3.0)
     told = told + np.bincount(of.vertex.reshape(-1), (weight[:, None] * of.share * target).reshape(-1), told.size)
     count = count + np.bincount(of.vertex.reshape(-1), (weight[:, None] * of.share).reshape(-1), count.size)
-    return (told + _ALBEDO_PRIOR) / (count + _ALBEDO_PRIOR), told, count
+    albedo = (told + _ALBEDO_PRIOR) / (count + _ALBEDO_PRIOR)
+    usual = _usual(albedo, count)
+    return albedo / usual, told / usual, count  # what light and albedo share is given to the light
+
+
+def _usual(values: Float[np.ndarray, " n"], weight: Float[np.ndarray, " n"]) -> float:
+    """Middle of the shortest interval with a third of the weight: dark parts of a hand do not move it."""
+    order = np.argsort(values)
+    ordered, below = values[order], np.cumsum(weight[order])
+    if not below[-1] > 0.0:
+        return 1.0
+    last = np.searchsorted(below, below + below[-1] / 3.0)
+    inside = last < ordered.size
+    if not inside.any():
+        return 1.0
+    length = ordered[last[inside]] - ordered[inside]
+    first = int(np.argmin(length))
+    return float(0.5 * (ordered[first] + ordered[last[first]]))
 
 
 _TO_TABLE = _to_table()

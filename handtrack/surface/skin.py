@@ -41,6 +41,8 @@ class Surface:
         Joint values of the bind pose, radians.
     misfit : (m,)
         Distances between the mesh's joints and the model's at that pose, mm.
+    scale : float
+        By which the mesh was made larger to fit the model.
     """
 
     model: Model
@@ -59,6 +61,7 @@ class Surface:
     edge_side: Int[np.ndarray, "e 2"]
     rest: Float[np.ndarray, " j"]
     misfit: Float[np.ndarray, " m"]
+    scale: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

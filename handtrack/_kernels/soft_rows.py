@@ -1,0 +1,234 @@
+"""Compiled comparison of an image with a smooth image of pills: samples of the image, and their normal equations.
+
+A sample is a block of pixels that shows one surface and nothing else, or a single pixel on an outline or a crease.
+Its grey level depends on the twists of the links in it (velocity of the base, angular velocity; camera axes) and on
+two nuisances of the patch of surface that dominates it: a relative error of the grey level, and an outward shift of
+the surface there.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .soft_image import chosen_pills, creased, is_plain, place_at, square
+from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE
+
+ALONG, ACROSS = 4, 3  # patches of a link: three thirds and what lies beyond the tip, times left, middle, right
+PATCHES = ALONG * ACROSS
+FEW = 4  # pills that one sample can hold
+
+
+@njit(cache=True)
+def mean_level(image, x, y, size):  # pragma: no cover - compiled
+    """Mean of a block of pixels."""
+    total = 0.0
+    for i in range(y, y + size):
+        for j in range(x, x + size):
+            total += image[i, j]
+    return total / (size * size)
+
+
+@njit(cache=True)
+def put_sample(image, x, y, size, chosen, count, out, n):  # pragma: no cover - compiled
+    """Write sample n: its middle, side and mean level, and the pills that may show in it."""
+    place, level, pill = out
+    if n >= level.shape[0] or count > FEW:
+        return n
+    place[n, 0], place[n, 1], place[n, 2] = x + 0.5 * (size - 1), y + 0.5 * (size - 1), size
+    level[n] = mean_level(image, x, y, size)
+    for i in range(FEW):
+        pill[n, i] = chosen[i] if i < count else -1
+    return n + 1
+
+
+@njit(cache=True)
+def is_smooth(at, world, s, chosen, count, reach, scratch):  # pragma: no cover - compiled
+    """Whether neither an outline nor a crease passes a place at `reach` pixels or less."""
+    pinhole, pills, look, behind = world
+    if not is_plain(at, pinhole, pills, chosen, count, reach, scratch[5]):
+        return False
+    if count < 2:
+        return True
+    _, _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
+    return not creased(scratch, there, reach)
+
+
+@njit(cache=True)
+def choose_samples(
+    image, grid, pinhole, pills, look, behind, boxes, s, block, thin, place, level, pill
+):  # pragma: no cover - compiled
+    """Blocks of half of `block` pixels inside surfaces, and one in `thin` of the pixels on outlines and creases.
+
+    Single pixels lie on the lattice `(x + 3 y) mod thin = 0`. Returns the number of samples.
+    """
+    height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
+    chosen, at, scratch = np.zeros(links, np.int64), np.zeros(6), soft_scratch(links)
+    near, n, half = ROOT + 4.0 * s + 0.5, 0, block // 2
+    out, world = (place, level, pill), (pinhole, pills, look, behind)
+    for y0 in range(0, height - block + 1, block):
+        for x0 in range(0, width - block + 1, block):
+            count = chosen_pills(grid, x0, y0, block, boxes, near + 1.0, chosen)
+            if count == 0:
+                continue
+            turn = (x0 // block + y0 // block) % 4  # one quarter of a block: all of it would be bent by the shading
+            place_at(grid, x0 + 0.5 * (block - 1), y0 + 0.5 * (block - 1), at)
+            if is_smooth(at, world, s, chosen, count, near + 0.75 * (block - 1), scratch):
+                n = put_sample(image, x0 + half * (turn % 2), y0 + half * (turn // 2), half, chosen, count, out, n)
+                continue
+            for quarter in range(4):
+                u, v = x0 + half * (quarter % 2), y0 + half * (quarter // 2)
+                place_at(grid, u + 0.5 * (half - 1), v + 0.5 * (half - 1), at)
+                if is_smooth(at, world, s, chosen, count, near + 0.75 * (half - 1), scratch):
+                    if quarter == turn:
+                        n = put_sample(image, u, v, half, chosen, count, out, n)
+                    continue
+                for y in range(v, v + half):
+                    for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + half, thin):
+                        place_at(grid, x, y, at)
+                        sparse = (x + 3 * y) // thin % 2 == 0  # beside an outline every other one will do
+                        if sparse or not is_smooth(at, world, s, chosen, count, near, scratch):
+                            n = put_sample(image, x, y, 1, chosen, count, out, n)
+    return n
+
+
+@njit(cache=True)
+def dominant(fact, order, by, there):  # pragma: no cover - compiled
+    """The pill that a sample depends on most: by its outline, else by its grey level."""
+    best, most = order[0], -1.0
+    for i in range(there):
+        k = order[i]
+        size = abs(by[k, 1]) * fact[k, SLOPE] + 1e-3 * abs(by[k, 0] * fact[k, LEVEL])
+        if size > most:
+            best, most = k, size
+    return best
+
+
+@njit(cache=True)
+def patch_at(at, pinhole, pills, fact, k):  # pragma: no cover - compiled
+    """Patch of pill k that the place `at` of the image shows."""
+    base, tip, radius = pills
+    depth = fact[k, DEPTH] if pinhole else 1.0
+    x, y = at[0] * depth - base[k, 0], at[1] * depth - base[k, 1]
+    ax, ay = tip[k, 0] - base[k, 0], tip[k, 1] - base[k, 1]
+    length = math.sqrt(ax * ax + ay * ay)
+    if length < 1e-9:
+        return (k * ALONG + ALONG - 1) * ACROSS + 1
+    along, across = (x * ax + y * ay) / (length * length), (x * ay - y * ax) / (length * radius[k, 0])
+    row = ALONG - 1 if along > 1.0 else min(max(int(along * (ALONG - 1)), 0), ALONG - 2)
+    column = 0 if across < -0.45 else 2 if across > 0.45 else 1
+    return (k * ALONG + row) * ACROSS + column
+
+
+@njit(cache=True)
+def patches_of(grid, pinhole, pills, look, behind, s, place, pill, patch):  # pragma: no cover - compiled
+    """The patch that dominates each sample; -1 where no pill shows."""
+    links = pills[0].shape[0]
+    scratch = soft_scratch(links)
+    at, chosen = np.zeros(6), np.zeros(links, np.int64)
+    for n in range(patch.shape[0]):
+        count = 0
+        while count < FEW and pill[n, count] >= 0:
+            chosen[count] = pill[n, count]
+            count += 1
+        place_at(grid, place[n, 0], place[n, 1], at)
+        _, _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
+        patch[n] = -1
+        if there > 0:
+            k = dominant(scratch[0], scratch[2], scratch[3], there)
+            patch[n] = patch_at(at, pinhole, pills, scratch[0], k)
+
+
+@njit(cache=True)
+def soft_scratch(links):  # pragma: no cover - compiled
+    """Working memory of `square`."""
+    return (
+        np.zeros((links, FACTS)),
+        np.zeros((links, 18)),
+        np.zeros(links, np.int64),
+        np.zeros((links, 3)),
+        np.zeros((links, 3)),
+        np.zeros((5, 3)),
+    )
+
+
+@njit(cache=True)
+def sample_rows(
+    grid, pinhole, pills, look, behind, s, place, pill, patch, level, row, by_patch, normal
+):  # pragma: no cover - compiled
+    """Expected grey level of every sample and its derivatives, by the twists of its pills and by its patch.
+
+    `row` (n, FEW, 6) follows the order of `pill`; `by_patch` (n, 2) is by the relative error of the patch's grey level
+    and by its outward shift in model units; `normal` (n, 3) is that of the patch's pill. Twin:
+    `soft_image.soft_image_numpy` and its differences.
+    """
+    links = pills[0].shape[0]
+    scratch = soft_scratch(links)
+    fact, order, by = scratch[0], scratch[2], scratch[3]
+    at, chosen = np.zeros(6), np.zeros(links, np.int64)
+    for n in range(patch.shape[0]):
+        count = 0
+        while count < FEW and pill[n, count] >= 0:
+            chosen[count] = pill[n, count]
+            count += 1
+        place_at(grid, place[n, 0], place[n, 1], at)
+        level[n], _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
+        row[n] = 0.0
+        by_patch[n] = 0.0
+        normal[n] = 0.0
+        own = patch[n] // PATCHES
+        for i in range(there):
+            k = order[i]
+            slot = 0
+            while pill[n, slot] != k:
+                slot += 1
+            shade, edge, depth = by[k, 0], -by[k, 1] * fact[k, SLOPE], by[k, 2]
+            for a in range(6):
+                row[n, slot, a] = shade * scratch[1][k, a]
+                if edge != 0.0:
+                    row[n, slot, a] += edge * scratch[1][k, 6 + a]
+                if depth != 0.0:
+                    row[n, slot, a] += depth * scratch[1][k, 12 + a]
+            if k == own:
+                by_patch[n, 0] = shade * fact[k, LEVEL]
+                normal[n] = fact[k, NORMAL : NORMAL + 3]
+                if edge != 0.0:  # rows of the distance are -n / size: an outward shift moves the outline by 1 / size
+                    x, y, z = scratch[1][k, 6], scratch[1][k, 7], scratch[1][k, 8]
+                    by_patch[n, 1] = -edge * math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True)
+def normal_equations(pill, patch, weight, r, row, by_patch, H, g, across, within, own):  # pragma: no cover - compiled
+    """Sums over the samples of `weight` times outer products of their derivatives, and times r.
+
+    H (6l, 6l) upper triangle by the twists and g (p, 6l) for each patch; `across` (p, 2, 6l),
+    `within` (p, 3) as xx, xy, yy, and `own` (p, 2) by the nuisances of each patch. r is observed minus expected.
+    Twin: `synthesis.normal_equations_numpy`.
+    """
+    for n in range(patch.shape[0]):
+        w, p = weight[n], patch[n]
+        if w == 0.0 or p < 0:
+            continue
+        b0, b1 = by_patch[n, 0], by_patch[n, 1]
+        within[p, 0] += w * b0 * b0
+        within[p, 1] += w * b0 * b1
+        within[p, 2] += w * b1 * b1
+        own[p, 0] += w * b0 * r[n]
+        own[p, 1] += w * b1 * r[n]
+        for i in range(FEW):
+            k = pill[n, i]
+            if k < 0:
+                break
+            for a in range(6):
+                scaled = w * row[n, i, a]
+                g[p, 6 * k + a] += scaled * r[n]
+                across[p, 0, 6 * k + a] += scaled * b0
+                across[p, 1, 6 * k + a] += scaled * b1
+                for j in range(FEW):
+                    o = pill[n, j]
+                    if o < 0:
+                        break
+                    if o < k:
+                        continue
+                    for b in range(6):
+                        H[6 * k + a, 6 * o + b] += scaled * row[n, j, b]
