@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from .camera import Camera
 from .kinematics import Model
-from .link_shape import PARAMETERS, reshaped, shape_rows, sigmas_from_covariance
+from .link_shape import PARAMETERS, factor_of, reshaped, shape_rows, sigmas_from_covariance
 from .residuals import Chain, OutlineFeatures, chain, outline_residuals, stack_features
 from .robust import cauchy_weight, median
 from .settings import Settings
@@ -122,7 +122,9 @@ def calibrate(
         frames=np.array([sight.frame for sight in sights]),
         poses=np.stack([sight.u for sight in sights]),
     )
-    return replace(done, model=replace(reshaped(model, shape), link_sigmas=sigmas_from_covariance(done.covariance)))
+    factor = factor_of(done.covariance)
+    known = {"link_sigmas": sigmas_from_covariance(factor @ factor.T), "shape_factor": factor}
+    return replace(done, model=replace(reshaped(model, shape), **known))
 
 
 def _prior(model: Model) -> Float[np.ndarray, " p"]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .fit import Fit
-from .link_shape import shape_rows, shape_sigmas
+from .link_shape import shape_root, shape_rows
 from .residuals import Chain, LineFeatures, OutlineFeatures, Rows
 from .scatter import Scatter, Whitener, first_scatter, learn_scatter, whitener
 from .shape_error import ShapeError, first_shape_error, learn_shape_error, shape_jacobian
@@ -65,12 +65,12 @@ def assess(
 def _calibrated(
     on: Sequence[Chain], features: Sequence[OutlineFeatures | LineFeatures], u: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "n p"]:
-    """What one sigma of each shape parameter does to the residuals, where the model file says how well it is known."""
-    sigma = shape_sigmas(on[0].model)
+    """What the shape's independent errors, a sigma each, do to the residuals, where the model file tells of them."""
+    root = shape_root(on[0].model)
     rows = [part for part in features if isinstance(part, OutlineFeatures)]
-    if not sigma.any() or len(rows) < len(features):
+    if not root.size or len(rows) < len(features):
         return np.zeros((sum(_count(part) for part in features), 0))
-    return np.concatenate([shape_rows(on[0].model, part, u) for part in rows])[:, sigma > 0.0] * sigma[sigma > 0.0]
+    return np.concatenate([shape_rows(on[0].model, part, u) for part in rows]) @ root
 
 
 def _count(part: OutlineFeatures | LineFeatures) -> int:

@@ -5,7 +5,7 @@ rest. Edges of all views go into one stacked residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float

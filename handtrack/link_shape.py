@@ -82,3 +82,21 @@ def shape_sigmas(model: Model) -> Float[np.ndarray, " p"]:
     known = [sigmas or LinkSigmas() for sigmas in model.link_sigmas]
     rows = [(one.length, *one.radius, *one.base_offset[1:], *one.tip_offset[1:]) for one in known]
     return np.array(rows, dtype=float).ravel()
+
+
+def shape_root(model: Model) -> Float[np.ndarray, "p m"]:
+    """A root R of the covariance `R R^T` of all links' parameters; no columns where the shape is taken as exact."""
+    if model.shape_factor is not None:
+        return model.shape_factor
+    sigma = shape_sigmas(model)
+    return np.diag(sigma)[:, sigma > 0.0]
+
+
+def factor_of(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Lower triangular F with `F F^T` the covariance, in six digits, as a model file holds it.
+
+    >>> factor_of(np.array([[4.0, 2.0], [2.0, 2.0]])).tolist()
+    [[2.0, 0.0], [1.0, 1.0]]
+    """
+    factor = np.linalg.cholesky(covariance)
+    return np.array([[float(f"{x:.6g}") for x in row] for row in factor.tolist()])

@@ -6,9 +6,9 @@ surfaces (`synthesis`), together with the edges and the prediction:
     minimise  sum rho((seen - I(u) - B b) / sigma) + |b / spread|^2 + |edges(u)|^2 / 4 + |u - mean|^2_prior
 
 over the pose u and, for every patch of surface, a relative error of its grey level and an outward shift b. Outlines
-tell most, but only from within a pixel; the edges, which see farther, keep the solve where it belongs. They are measured in
-the same image, so they count for a quarter of what they would by themselves. How large the errors b are is learnt from
-frame to frame (`Unmodelled`), so the covariance knows what neither pills nor shading express.
+tell most, but only from within a pixel; the edges, which see farther, keep the solve where it belongs.
+They are measured in the same image, so they count for a quarter of what they would by themselves. How large the errors
+b are is learnt from frame to frame (`Unmodelled`), so the covariance knows what neither pills nor shading express.
 """
 
 from collections.abc import Sequence
@@ -68,13 +68,13 @@ def refine(
     """
     whitened, limits = Whitened(edges.residual, white), on[0].model.limits[on[0].model.free]
     views = list(zip(images, on, appearance, unmodelled, strict=True))
-    samples = [samples_of(image, view, its, u) for image, view, its, _ in views]
+    chosen = [samples_of(image, view, its, u, rest.table) for image, view, its, rest in views]
     shift = [np.zeros((12 * view.model.link_frame.size, 2)) for view in on]
     found: list[Differences] = []
-    for loose in _ANNEAL:
+    for number, loose in enumerate(_ANNEAL):
         found = [
-            differences(part, view, its, rest, u, b, loose)
-            for part, (_, view, its, rest), b in zip(samples, views, shift, strict=True)
+            differences(samples, view, its, rest, u, b, loose, seen if number == 0 else None)
+            for (samples, seen), (_, view, its, rest), b in zip(chosen, views, shift, strict=True)
         ]
         g, A = prior @ (mean - u), prior.copy()
         r, J = whitened(u)

@@ -18,7 +18,7 @@ class Settings:
     edges : str
         How edges are found: 'wssd' against expected profiles, or a method of the hand thesis, appendix D.
     refine : bool
-        Align with denser edges and the grey levels of the visible surface in one more solve.
+        Align edges and the whole rendered image with the grey levels in one more solve.
     hypotheses : bool
         Keep the other side of a link that may be folded either way, until the images decide.
     solver : str
@@ -39,8 +39,8 @@ class Settings:
         Standard deviation of the start pose, radians.
     start_speed : float
         Standard deviation of the unknown joint velocities at the start, radians a frame.
-    spacing, refine_spacing : float
-        Distance of neighbouring samplers along a link, pixels; the second in the refining look.
+    spacing : float
+        Distance of neighbouring samplers along a link, pixels.
     """
 
     residuals: Literal["outline", "lines"] = "outline"
@@ -61,7 +61,6 @@ class Settings:
     start_sigma: float = math.radians(3.0)
     start_speed: float = math.radians(4.0)
     spacing: float = 10.0
-    refine_spacing: float = 3.0
 
     def __post_init__(self) -> None:
         for name, choices in (
@@ -83,6 +82,6 @@ class Settings:
             raise ValueError(f"passes: got {self.passes}, wanted 1 to 20")
         if not 0.0 < self.theta < 1.0:
             raise ValueError(f"theta: got {self.theta}, wanted a number between 0 and 1")
-        for name in ("start_sigma", "start_speed", "spacing", "refine_spacing"):
+        for name in ("start_sigma", "start_speed", "spacing"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name}: got {getattr(self, name)}, wanted a positive number")

@@ -9,15 +9,15 @@ error of its grey level and an outward shift (what the shading and the pills can
 Every sample belongs to one patch, so the eliminated matrix is made of 2 x 2 blocks.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from . import _kernels
 from ._kernels.soft_pill import CELLS
-from ._kernels.soft_rows import PATCHES
+from ._kernels.soft_rows import PATCHES, UNKNOWN
 from .appearance import Appearance
 from .camera import Camera, pixels_per_unit, project_camera
 from .kinematics import forward, link_ends, point_jacobian, pose_from_free
@@ -26,7 +26,6 @@ from .residuals import Chain
 from .robust import median
 from .soft_image import lens_blur, pill_boxes, ray_grid
 
-BLOCK = 8  # pixels along the side of the largest block that is looked at
 _MOST, _WANTED = 20000, 1500  # samples that are kept at the most, and that are wanted on outlines
 _BAND = 2.4  # pixels: width of the band along an outline where pixels show both sides
 _CUT = 3.0  # residual at which a sample counts half
@@ -65,7 +64,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rendered:
-    """Expected levels (n,), derivatives by twists (n, 4, 6) and by the errors of the patch (n, 2), and normals (n, 3)."""
+    """Expected levels (n,), derivatives by twists (n, 4, 6) and errors of the patch (n, 2), normals (n, 3)."""
 
     level: Float[np.ndarray, " n"]
     row: Float[np.ndarray, "n 4 6"]
@@ -146,11 +145,15 @@ def _grid(camera: Camera) -> Float[np.ndarray, "h w 2"]:
 
 
 def samples_of(
-    image: Float[np.ndarray, "h w"], on: Chain, appearance: Appearance, u: Float[np.ndarray, " k"]
-) -> Samples:
-    """Samples where the pose u shows or ends pills; on outlines about as many as are worth their time."""
+    image: Float[np.ndarray, "h w"],
+    on: Chain,
+    appearance: Appearance,
+    u: Float[np.ndarray, " k"],
+    table: Float[np.ndarray, "t t"] | None = None,
+) -> tuple[Samples, Rendered]:
+    """Samples where the pose u shows or ends pills, on outlines about as many as are worth their time, and rendered."""
     pills = pose_pills(on.model, forward(on.model, pose_from_free(on.model, u)), on.camera)
-    return choose(image, pills, on.camera, appearance, _thinning(pills, on.camera))
+    return choose(image, pills, on.camera, appearance, _thinning(pills, on.camera), table)
 
 
 def _thinning(pills: Pills, camera: Camera) -> int:
@@ -163,18 +166,38 @@ def _thinning(pills: Pills, camera: Camera) -> int:
 
 
 def choose(
-    image: Float[np.ndarray, "h w"], pills: Pills, camera: Camera, appearance: Appearance, thin: int = 1
-) -> Samples:
+    image: Float[np.ndarray, "h w"],
+    pills: Pills,
+    camera: Camera,
+    appearance: Appearance,
+    thin: int = 1,
+    table: Float[np.ndarray, "t t"] | None = None,
+) -> tuple[Samples, Rendered]:
     """Samples where the pills, in camera axes, show or end: blocks inside, one pixel in `thin` on outlines."""
     place, level, pill = np.empty((_MOST, 3)), np.empty(_MOST), np.empty((_MOST, 4), np.int64)
-    shape, look = (pills.base, pills.tip, pills.radius), (appearance.shading, appearance.gain)
-    s, pinhole, grid = lens_blur(appearance), camera.kind == "perspective", _grid(camera)
-    behind, boxes = float(appearance.background), pill_boxes(pills, camera)
-    n = _kernels.choose_samples(image, grid, pinhole, shape, look, behind, boxes, s, BLOCK, thin, place, level, pill)
-    place, level, pill, patch = place[:n], level[:n], pill[:n], np.empty(n, np.int64)
-    _kernels.patches_of(grid, pinhole, shape, look, behind, s, place, pill, patch)
-    kept = patch >= 0
-    return Samples(place[kept], level[kept], pill[kept], patch[kept])
+    n = _kernels.choose_samples(
+        image,
+        _grid(camera),
+        camera.kind == "perspective",
+        (pills.base, pills.tip, pills.radius),
+        (appearance.shading, appearance.gain),
+        float(appearance.background),
+        pill_boxes(pills, camera),
+        lens_blur(appearance),
+        thin,
+        place,
+        level,
+        pill,
+    )
+    samples = Samples(place[:n], level[:n], pill[:n], np.full(n, UNKNOWN))
+    seen = rendered(samples, pills, camera, appearance, table)  # which finds the patches
+    kept = samples.patch != UNKNOWN
+    return _part(samples, kept), _part(seen, kept)
+
+
+def _part(of, kept: Bool[np.ndarray, " n"]):
+    """The same arrays for some of the samples."""
+    return type(of)(*(getattr(of, each.name)[kept] for each in fields(of)))
 
 
 def rendered(
@@ -213,6 +236,7 @@ def differences(
     u: Float[np.ndarray, " k"],
     error: Float[np.ndarray, "p 2"],
     loose: float,
+    seen: Rendered | None = None,
 ) -> Differences:
     """Compare the samples with the pose u and the errors of the patches.
 
@@ -222,11 +246,13 @@ def differences(
         Relative error of the grey level, and outward shift in model units, of every patch.
     loose : float
         Pixels by which outlines may still be off, without counting as outliers.
+    seen : Rendered, optional
+        The samples at this pose, where they have been rendered already.
     """
     model = on.model
     frames = forward(model, pose_from_free(model, u))
     pills = pose_pills(model, frames, on.camera)
-    seen = rendered(samples, pills, on.camera, appearance, unmodelled.table)
+    seen = rendered(samples, pills, on.camera, appearance, unmodelled.table) if seen is None else seen
     unit = float(np.nanmedian(pixels_per_unit(on.camera, 0.5 * (pills.base + pills.tip))))
     r = samples.level - seen.level - (seen.by_patch * error[samples.patch]).sum(axis=1)
     variance = (appearance.noise / samples.place[:, 2]) ** 2 + unmodelled.grain**2

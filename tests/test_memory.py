@@ -42,3 +42,8 @@ def test_frames_go_there_and_back_without_a_jump():
 def test_the_process_is_some_megabytes_and_hardly_grows_in_a_few_frames():
     assert 20.0 < resident_mb() < 1e5
     assert abs(growth_mb(40, sequence=10)) < 200.0
+
+
+def test_where_the_system_does_not_tell_the_most_ever_held_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr("handtrack.cli.memory._STATM", tmp_path / "none")
+    assert 20.0 < resident_mb() < 1e5

@@ -40,7 +40,7 @@ def seen(kind):
     u = scene.truth[0][scene.model.free]
     picture = image(scene, 0).astype(np.float32)
     appearance = learn(picture, posed(on, u), on.camera)
-    return on, u, appearance, picture, samples_of(picture, on, appearance, u)
+    return on, u, appearance, picture, samples_of(picture, on, appearance, u)[0]
 
 
 @pytest.mark.parametrize("kind", SCENES)
@@ -125,13 +125,13 @@ def test_samples_lie_on_outlines_and_inside_and_are_means_of_the_image(kind):
 def test_an_outline_out_of_the_image_or_a_dark_image_gives_no_false_samples():
     on, u, appearance, picture, _ = seen("orthographic")
     away = replace(posed(on, u), base=posed(on, u).base + 1e4, tip=posed(on, u).tip + 1e4)
-    assert choose(picture, away, on.camera, appearance).level.size == 0
+    assert choose(picture, away, on.camera, appearance)[0].level.size == 0
 
 
 def test_thinning_keeps_its_share_of_the_outline_pixels():
     on, u, appearance, picture, _ = seen("orthographic")
     count = [
-        (choose(picture, posed(on, u), on.camera, appearance, thin).place[:, 2] == 1.0).sum() for thin in (1, 2, 5)
+        (choose(picture, posed(on, u), on.camera, appearance, thin)[0].place[:, 2] == 1.0).sum() for thin in (1, 2, 5)
     ]
     assert count[1] == pytest.approx(count[0] / 2, rel=0.1) and count[2] == pytest.approx(count[0] / 5, rel=0.15)
 

@@ -36,7 +36,6 @@ from .scattering import shape_columns as shape_columns
 from .soft_image import soft_image as soft_image
 from .soft_rows import choose_samples as choose_samples
 from .soft_rows import normal_equations as normal_equations
-from .soft_rows import patches_of as patches_of
 from .soft_rows import sample_rows as sample_rows
 from .templates import depth_steps as depth_steps
 from .templates import expect_profiles as expect_profiles

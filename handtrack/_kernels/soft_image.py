@@ -168,7 +168,7 @@ def is_plain(place, pinhole, pills, chosen, count, reach, work):  # pragma: no c
 @njit(cache=True)
 def square(place, pinhole, pills, look, behind, chosen, count, h, s, scratch):  # pragma: no cover - compiled
     """One sample: (level, share of the background, pills in it); details stay in `scratch`."""
-    fact, row, order, by, keep, work = scratch
+    fact, row, order, by, keep, work = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5]
     there = 0
     for i in range(count):
         k = chosen[i]

@@ -16,7 +16,9 @@ from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE
 
 ALONG, ACROSS = 4, 3  # patches of a link: three thirds and what lies beyond the tip, times left, middle, right
 PATCHES = ALONG * ACROSS
+LARGE, SMALL = 16, 4  # pixels along the side of the largest and of the smallest block
 FEW = 4  # pills that one sample can hold
+UNKNOWN = -1  # the patch of a sample that no pill has shown in yet
 
 
 @njit(cache=True)
@@ -56,39 +58,52 @@ def is_smooth(at, world, s, chosen, count, reach, scratch):  # pragma: no cover 
 
 @njit(cache=True)
 def choose_samples(
-    image, grid, pinhole, pills, look, behind, boxes, s, block, thin, place, level, pill
+    image, grid, pinhole, pills, look, behind, boxes, s, thin, place, level, pill
 ):  # pragma: no cover - compiled
-    """Blocks of half of `block` pixels inside surfaces, and one in `thin` of the pixels on outlines and creases.
+    """One small block of every large one inside surfaces, and one in `thin` of the pixels on outlines and creases.
 
-    Single pixels lie on the lattice `(x + 3 y) mod thin = 0`. Returns the number of samples.
+    Large blocks, LARGE pixels a side, are quartered until they are SMALL. Single pixels lie on the lattice
+    `(x + 3 y) mod thin = 0`. Returns the number of samples.
     """
     height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
     chosen, at, scratch = np.zeros(links, np.int64), np.zeros(6), soft_scratch(links)
-    near, n, half = ROOT + 4.0 * s + 0.5, 0, block // 2
+    near, n, left = ROOT + 4.0 * s + 0.5, 0, np.zeros((16, 3), np.int64)
     out, world = (place, level, pill), (pinhole, pills, look, behind)
-    for y0 in range(0, height - block + 1, block):
-        for x0 in range(0, width - block + 1, block):
-            count = chosen_pills(grid, x0, y0, block, boxes, near + 1.0, chosen)
-            if count == 0:
-                continue
-            turn = (x0 // block + y0 // block) % 4  # one quarter of a block: all of it would be bent by the shading
-            place_at(grid, x0 + 0.5 * (block - 1), y0 + 0.5 * (block - 1), at)
-            if is_smooth(at, world, s, chosen, count, near + 0.75 * (block - 1), scratch):
-                n = put_sample(image, x0 + half * (turn % 2), y0 + half * (turn // 2), half, chosen, count, out, n)
-                continue
-            for quarter in range(4):
-                u, v = x0 + half * (quarter % 2), y0 + half * (quarter // 2)
-                place_at(grid, u + 0.5 * (half - 1), v + 0.5 * (half - 1), at)
-                if is_smooth(at, world, s, chosen, count, near + 0.75 * (half - 1), scratch):
-                    if quarter == turn:
-                        n = put_sample(image, u, v, half, chosen, count, out, n)
+    for y0 in range(0, height - LARGE + 1, LARGE):
+        for x0 in range(0, width - LARGE + 1, LARGE):
+            left[0, 0], left[0, 1], left[0, 2], waiting = x0, y0, LARGE, 1
+            while waiting > 0:
+                waiting -= 1
+                u, v, size = left[waiting, 0], left[waiting, 1], left[waiting, 2]
+                count = chosen_pills(grid, u, v, size, boxes, near + 1.0, chosen)
+                if count == 0:
                     continue
-                for y in range(v, v + half):
-                    for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + half, thin):
-                        place_at(grid, x, y, at)
-                        sparse = (x + 3 * y) // thin % 2 == 0  # beside an outline every other one will do
-                        if sparse or not is_smooth(at, world, s, chosen, count, near, scratch):
-                            n = put_sample(image, x, y, 1, chosen, count, out, n)
+                place_at(grid, u + 0.5 * (size - 1), v + 0.5 * (size - 1), at)
+                if is_smooth(at, world, s, chosen, count, near + 0.75 * (size - 1), scratch):
+                    turn = u // SMALL + v // SMALL  # a small part of it: all of it would be bent by the shading
+                    if size > SMALL or turn % 4 == 0:
+                        x, y = u + SMALL * (turn % (size // SMALL)), v + SMALL * (turn // 2 % (size // SMALL))
+                        n = put_sample(image, x, y, SMALL, chosen, count, out, n)
+                elif size > SMALL:
+                    for i in range(4):
+                        left[waiting, 0], left[waiting, 1] = u + size // 2 * (i % 2), v + size // 2 * (i // 2)
+                        left[waiting, 2] = size // 2
+                        waiting += 1
+                else:
+                    n = put_pixels(image, grid, u, v, world, s, chosen, count, near, thin, scratch, out, n)
+    return n
+
+
+@njit(cache=True)
+def put_pixels(image, grid, u, v, world, s, chosen, count, near, thin, scratch, out, n):  # pragma: no cover - compiled
+    """Write the pixels of a small block that lie on the lattice: on outlines and creases all, beside them a third."""
+    at = scratch[6]
+    for y in range(v, v + SMALL):
+        for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + SMALL, thin):
+            place_at(grid, x, y, at)
+            sparse = (x + 3 * y) // thin % 3 == 0
+            if sparse or not is_smooth(at, world, s, chosen, count, near, scratch):
+                n = put_sample(image, x, y, 1, chosen, count, out, n)
     return n
 
 
@@ -121,25 +136,6 @@ def patch_at(at, pinhole, pills, fact, k):  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def patches_of(grid, pinhole, pills, look, behind, s, place, pill, patch):  # pragma: no cover - compiled
-    """The patch that dominates each sample; -1 where no pill shows."""
-    links = pills[0].shape[0]
-    scratch = soft_scratch(links)
-    at, chosen = np.zeros(6), np.zeros(links, np.int64)
-    for n in range(patch.shape[0]):
-        count = 0
-        while count < FEW and pill[n, count] >= 0:
-            chosen[count] = pill[n, count]
-            count += 1
-        place_at(grid, place[n, 0], place[n, 1], at)
-        _, _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
-        patch[n] = -1
-        if there > 0:
-            k = dominant(scratch[0], scratch[2], scratch[3], there)
-            patch[n] = patch_at(at, pinhole, pills, scratch[0], k)
-
-
-@njit(cache=True)
 def soft_scratch(links):  # pragma: no cover - compiled
     """Working memory of `square`."""
     return (
@@ -149,6 +145,7 @@ def soft_scratch(links):  # pragma: no cover - compiled
         np.zeros((links, 3)),
         np.zeros((links, 3)),
         np.zeros((5, 3)),
+        np.zeros(6),
     )
 
 
@@ -159,7 +156,8 @@ def sample_rows(
     """Expected grey level of every sample and its derivatives, by the twists of its pills and by its patch.
 
     `row` (n, FEW, 6) follows the order of `pill`; `by_patch` (n, 2) is by the relative error of the patch's grey level
-    and by its outward shift in model units; `normal` (n, 3) is that of the patch's pill. Twin:
+    and by its outward shift in model units; `normal` (n, 3) is that of the patch's pill. A sample
+    whose patch is UNKNOWN gets the one that dominates it. Twin:
     `soft_image.soft_image_numpy` and its differences.
     """
     links = pills[0].shape[0]
@@ -173,6 +171,9 @@ def sample_rows(
             count += 1
         place_at(grid, place[n, 0], place[n, 1], at)
         level[n], _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
+        if patch[n] == UNKNOWN and there > 0:
+            k = dominant(fact, order, by, there)
+            patch[n] = patch_at(at, pinhole, pills, fact, k)
         row[n] = 0.0
         by_patch[n] = 0.0
         normal[n] = 0.0

@@ -47,6 +47,9 @@ def model_text(model: Model) -> str:
     couplings = [*exact_couplings(model), *model.soft_couplings]
     if couplings:
         lines += ["couplings:", *(f"  - {_coupling_text(model, coupling)}" for coupling in couplings)]
+    if model.shape_factor is not None:
+        rows = (_list(row[: i + 1]) for i, row in enumerate(model.shape_factor))
+        lines += ["shape_factor:", *(f"  - {row}" for row in rows)]
     return "\n".join(lines) + "\n"
 
 

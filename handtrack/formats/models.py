@@ -23,6 +23,7 @@ from .yaml_files import Document, Strict, at, read_yaml, shorten, validate
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 RESERVED = ("frame", "time", "status", "confidence")  # columns of poses.csv and truth.csv beside the joints
 RIGID_TOLERANCE = 1e-6
+_SHAPE, _SIGMA_TOLERANCE = 7, 1e-3  # parameters of a link's shape; how far its sigmas may be from the factor's
 
 
 def _form(value: Any) -> str:
@@ -107,6 +108,7 @@ class ModelFile(Strict):
     units: Literal["mm", "m"] = "mm"
     frames: Annotated[list[FrameFile], Field(min_length=1)]
     couplings: list[CouplingFile] = Field(default_factory=list)
+    shape_factor: list[list[float]] | None = None
 
 
 def read_model(path: Path | str) -> Model:
@@ -118,7 +120,8 @@ def read_model(path: Path | str) -> Model:
         In one line with file, line, place and what was wanted: for a file that is not of this format; ids given twice,
         parents that do not exist, cycles, no joint; joint names that are no words or not unique; lengths and radii
         that are not positive; offset ends of which one swallows the other; limits that are not low < high; transforms
-        that are not rigid; couplings that name no joint or circle.
+        that are not rigid; couplings that name no joint or circle; a shape factor that is not lower triangular with
+        seven rows for each link, or not of the links' sigmas.
     """
     return model_from_document(read_yaml(Path(path)))
 
@@ -135,9 +138,34 @@ def model_from_document(document: Document) -> Model:
         )
     couplings = [_coupling(document, i, coupling, prismatic) for i, coupling in enumerate(entry.couplings)]
     try:
-        return model_from_rows(entry.name, rows, couplings, entry.units)
+        model = model_from_rows(entry.name, rows, couplings, entry.units)
     except ValueError as error:
         raise InputError(f"{at(document)} {error}") from error
+    return model if entry.shape_factor is None else _with_factor(document, entry.shape_factor, rows, model)
+
+
+def _with_factor(document: Document, given: list[list[float]], rows: Sequence[FrameRow], model: Model) -> Model:
+    """The model with the lower triangle F of its shape's covariance `F F^T`, links in the order of the file."""
+    place = ("shape_factor",)
+    size = _SHAPE * model.link_frame.size
+    if [len(row) for row in given] != list(range(1, size + 1)):
+        raise InputError(f"{at(document, place)} {len(given)} rows; {size} rows of 1 to {size} numbers were wanted")
+    factor = np.zeros((size, size))
+    factor[np.tril_indices(size)] = np.concatenate([np.array(row, dtype=float) for row in given])
+    if not (np.isfinite(factor).all() and (factor.diagonal() >= 0.0).all()):
+        raise InputError(f"{at(document, place)} has a number that is not finite, or negative on the diagonal")
+    listed = [row.id for row in rows if row.link_length is not None]
+    order = np.array([listed.index(int(model.frame_ids[frame])) for frame in model.link_frame], dtype=int)
+    if (np.diff(order) < 0).any():  # links of the model come parents first: the factor of the permuted covariance
+        upper = np.linalg.qr(factor[(_SHAPE * order[:, None] + np.arange(_SHAPE)).ravel()].T)[1]
+        factor = upper.T * np.where(upper.diagonal() < 0.0, -1.0, 1.0)
+    known = [one or LinkSigmas() for one in model.link_sigmas]
+    sigma = np.array([[one.length, *one.radius, *one.base_offset[1:], *one.tip_offset[1:]] for one in known]).ravel()
+    off = np.abs(np.linalg.norm(factor, axis=1) - sigma) > _SIGMA_TOLERANCE * (sigma + 1e-9)
+    if off.any():
+        frame = int(model.frame_ids[model.link_frame[int(np.argmax(off)) // _SHAPE]])
+        raise InputError(f"{at(document, place)} differs from the `sigmas` of frame {frame}; the same ones were wanted")
+    return replace(model, shape_factor=factor)
 
 
 def _check_tree(document: Document, frames: Sequence[FrameFile]) -> None:

@@ -96,6 +96,9 @@ class Model:
         Centres of the pills' end spheres in their frames: (0, 0, 0) and (length, 0, 0) unless the shape is offset.
     link_sigmas : tuple of LinkSigmas or None
         How well each link's shape is known; None where it is taken as exact.
+    shape_factor : (7l, 7l) or None
+        Lower triangle F: the shapes of all links, seven parameters each, have covariance `F F^T`. None where only
+        `link_sigmas` tell.
     link_finger, link_is_tip, link_parent : (l,)
         Group of links that lead to the same tip, whether the link ends its chain, and the nearest link below it (-1).
     """
@@ -124,6 +127,7 @@ class Model:
     link_finger: Int[np.ndarray, " l"]
     link_is_tip: Bool[np.ndarray, " l"]
     link_parent: Int[np.ndarray, " l"]
+    shape_factor: Float[np.ndarray, "p p"] | None = None
 
 
 def link_transform(alpha: float, a: float, d: float, theta: float) -> Float[np.ndarray, "4 4"]:

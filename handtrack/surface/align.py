@@ -39,8 +39,9 @@ _SHRINK = 0.1  # of the covariance, with each step
 _MOST_SPREAD = 4.0
 _LEAST_S, _CUT = 0.8, 4.0
 _CAUCHY = 1.15  # what the scatter of residuals with Cauchy's weights falls short of what it does to a pose
-_DISPLACED = 0.015  # pixels by which a link may be displaced without any trace
+_DISPLACED = 0.012  # pixels by which a link may be displaced without any trace
 _MOST_CONFLICT = 20.0
+_LIKELY = 10.0  # times the scatter of grey levels: a pixel that is farther off shows something else
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +54,8 @@ class Aligned:
         Free joints, and what the images alone say of them.
     residual : float
         Root mean square of the pixels' residuals in units of the noise.
+    fitting : float
+        Share of the pixels within the surface that show about what they should: small where there is no hand.
     conflict : float
         Squared distance of the poses that outlines and shading tell apart, in units of what it should be: about 1.
     """
@@ -60,13 +63,15 @@ class Aligned:
     u: Float[np.ndarray, " k"]
     information: Float[np.ndarray, "k k"]
     residual: float
+    fitting: float
     conflict: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
     """Gradient g (k,) and matrix A (k, k) of the pixels; the same of those on outlines, `edge_g` and `edge_A`;
-    the matrix of displaced links, `shifted`; sum of squared residuals and their number."""
+    the matrix of displaced links, `shifted`; sum of squared residuals and their number; pixels within the surface, and
+    how many of them show about what they should."""
 
     g: Float[np.ndarray, " k"]
     A: Float[np.ndarray, "k k"]
@@ -75,6 +80,8 @@ class _System:
     shifted: Float[np.ndarray, "k k"]
     squares: float
     count: int
+    within: int
+    fitting: int
 
     def plus(self, other: "_System") -> "_System":
         """Two views together."""
@@ -123,11 +130,14 @@ def align(
     least = 1e-9 * max(float(np.trace(system.A)), 1e-9) * np.eye(u.size)
     information = system.A @ np.linalg.solve(system.A + system.shifted + least, system.A)
     information = 0.5 * (information + information.T)
-    return Aligned(u, information, float(np.sqrt(system.squares / max(system.count, 1))), _conflict(system))
+    residual = float(np.sqrt(system.squares / max(system.count, 1)))
+    return Aligned(u, information, residual, system.fitting / max(system.within, 1), _conflict(system))
 
 
 def _nothing(k: int) -> _System:
-    return _System(*(np.zeros(shape) for shape in ((k,), (k, k), (k,), (k, k), (k, k))), squares=0.0, count=0)
+    return _System(
+        *(np.zeros(shape) for shape in ((k,), (k, k), (k,), (k, k), (k, k))), squares=0.0, count=0, within=0, fitting=0
+    )
 
 
 def _conflict(system: _System) -> float:
@@ -153,7 +163,8 @@ def _normal_equations(
         rows = dense_rows(image, surface, camera, u, appearance, stride)
         if rows.r.size >= _LEAST_PIXELS:
             shift = _gradients(image, rows, appearance.noise)
-            out = out.plus(_eliminated(rows, shift, _known(surface), covariance))
+            likely = _LIKELY * max(1.0, appearance.spread / appearance.noise)
+            out = out.plus(_eliminated(rows, shift, _known(surface), covariance, likely))
     return out
 
 
@@ -175,7 +186,11 @@ def _known(surface: Surface) -> Float[np.ndarray, " m"]:
 
 
 def _eliminated(
-    rows: Dense, shift: Float[np.ndarray, "n 2"], known: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "k k"]
+    rows: Dense,
+    shift: Float[np.ndarray, "n 2"],
+    known: Float[np.ndarray, " m"],
+    covariance: Float[np.ndarray, "k k"],
+    likely: float,
 ) -> _System:
     """One view with light and gains solved for.
 
@@ -216,6 +231,8 @@ def _eliminated(
         JH @ JH.T,
         float(rows.r @ rows.r),
         rows.r.size,
+        int((~outline).sum()),
+        int((np.abs(rows.r[~outline]) < likely).sum()),
     )
 
 

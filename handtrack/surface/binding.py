@@ -151,8 +151,8 @@ def _rest_pose(model: Model, mesh: SkinnedMesh, frame_of: Int[np.ndarray, " j"])
     size = np.linalg.svd(mesh.bind[joints, :3, 3] - mesh.bind[joints, :3, 3].mean(axis=0), compute_uv=False)
     if size.size < 3 or size[1] < _LEAST_BREADTH:
         raise ValueError(
-            f"model: {joints.size} joints of '{model.name}' are found in the mesh, all on one line; those of two fingers"
-            " are wanted, or nothing tells which way the hand is turned"
+            f"model: {joints.size} joints of '{model.name}' are found in the mesh, all on one line; those of two"
+            " fingers are wanted, or nothing tells which way the hand is turned"
         )
     weight = np.concatenate([np.ones(joints.size), np.full(tips.size, _TIP_WEIGHT)])
     limits = model.limits[model.free]

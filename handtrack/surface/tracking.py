@@ -38,11 +38,10 @@ _WIDEST = 8.0
 _YOUNG, _EVERY = 8, 3  # frames after which the appearance is learnt on every third one
 _LENS_EVERY = 16
 _START_FRAMES, _START_PASSES = 3, 4  # more looks while the velocity is not known
-_LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found
+_LOST_BELOW, _UNCERTAIN_BELOW = 0.4, 0.7  # share of the expected edges that was found, and of pixels that fit
 _PLAIN_S, _PLAIN_TAU = 2.0, 0.1  # scatter that a right shape may show
 _MEMORY = 0.85  # weight of earlier frames in the conflict
 _FAR = 5.0  # sigmas of the edges in each joint: an alignment farther off has run away
-_ALIGNABLE = 0.5  # share of the expected edges found, below which pixels are not aligned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +71,7 @@ class Measured:
     white: Whitener | None
     widen: float
     conflict: float | None = None
+    fitting: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +168,7 @@ def step(
         found = measure(images, surface, on, appearance, state, prior, found.u, passes, settings)
     if _share(found) < _LOST_BELOW:  # what was found is not the hand
         found = _unseen(found.seen, prior, min(2.0 * found.widen, _WIDEST))
-    elif _share(found) >= _ALIGNABLE:
+    else:
         found = _aligned(images, surface, on, appearance, prior, found, state.conflict)
     scatter, shape, shaped = state.scatter, state.shape, state.shape_covariance
     if found.edges is not None:
@@ -279,12 +279,16 @@ def _aligned(
     """The pose that aligns all pixels, if the edges do not speak against it."""
     cameras = [view.camera for view in on]
     to = align(images, surface, cameras, appearance, found.u, prior.mean, prior.information, found.covariance)
+    if to.fitting < _LOST_BELOW:
+        return _unseen(found.seen, prior, min(2.0 * found.widen, _WIDEST))
     off = to.u - found.u
     if not to.information.any() or off @ np.linalg.solve(found.covariance, off) > _FAR**2 * off.size:
-        return found
+        return replace(found, fitting=to.fitting)
     information = to.information / max(1.0, _mixed(conflict, to.conflict))
     covariance = np.linalg.inv(information + prior.information)
-    return replace(found, u=to.u, information=information, covariance=covariance, conflict=to.conflict)
+    return replace(
+        found, u=to.u, information=information, covariance=covariance, conflict=to.conflict, fitting=to.fitting
+    )
 
 
 def _mixed(before: float, now: float | None) -> float:
@@ -319,7 +323,7 @@ def _assessed(
 
 def _frame(surface: Surface, found: Measured, shaped: Float[np.ndarray, "k k"], following: Prediction) -> SurfaceFrame:
     model = surface.model
-    C, share = model.coupling, _share(found) if found.information.any() else 0.0
+    C, share = model.coupling, min(_share(found), found.fitting) if found.information.any() else 0.0
     known = UNCERTAIN if share < _UNCERTAIN_BELOW or following.unseen.any() else TRACKED
     status = LOST if share < _LOST_BELOW else known
     confidence = share * (1.0 - 0.5 * float(following.unseen.mean()))
