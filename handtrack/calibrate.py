@@ -7,7 +7,7 @@ outline residuals of frame f, J_f their derivative by its pose and H_f by the sh
     S = P + sum_f H_f^T H_f - H_f^T J_f (J_f^T J_f + L_f)^-1 J_f^T H_f,
 
 and the shape solves `S dp = -g`. Tracking with the better model finds better edges and more of them, so tracking and
-solving alternate, over more frames each time. The inverse of S is the shape's covariance.
+solving alternate, over more frames each time. The inverse of S is the shape's covariance; the model keeps all of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,8 @@ from .tracker import Image, follow
 _LENGTH, _RADIUS, _OFFSET = 0.05, 0.15, 0.12  # prior sigmas: of the length; of the radius; of the radius
 _KIND = np.array([0, 1, 1, 2, 2, 2, 2])  # length, radius, offset
 _NARROWEST = 0.02
-_ROUNDS = ((4, 3), (8, 3), (16, 3), (32, 3))  # frames, and solves, of each round
+_LEARNING, _FEW = 4, 0.3  # rounds of learning the prior in each solve; and weight of the narrowest, in parameters
+_ROUNDS = ((4, 3), (8, 3), (16, 3), (32, 3), (64, 3))  # frames, and solves, of each round
 _POSE_SIGMA = np.radians(12.0)  # how far a pose may move in one round
 _CORRELATED = 4.0  # edges that share one error: neighbours on a side see the same unmodelled bulge
 
@@ -84,7 +85,7 @@ def calibrate(
     Parameters
     ----------
     images : sequence
-        The more different the poses, the better; 32 are used at the most.
+        The more different the poses, the better; 64 are used at the most.
     start_pose : (j,)
         Joint values in the first frame; its standard deviation is `settings.start_sigma`.
 
@@ -106,9 +107,8 @@ def calibrate(
         used = len(chosen)
         sights = _sights(chosen, reshaped(model, shape), cameras, start_pose, fps, settings)
         for _ in range(solves if sights else 0):
-            shape, sights, S, rms = _solve(model, cameras[0], shape, sights, prior)
+            shape, sights, S, rms, prior = _solve(model, cameras[0], shape, sights, prior, widest)
             first_rms = rms if first_rms is None else first_rms
-            prior = _learnt_prior(widest, shape, np.linalg.inv(S))
         if progress is not None:
             progress(number + 1)
     if not sights:
@@ -134,17 +134,27 @@ def _prior(model: Model) -> Float[np.ndarray, " p"]:
 
 
 def _learnt_prior(
-    widest: Float[np.ndarray, " p"], shape: Float[np.ndarray, "l 7"], covariance: Float[np.ndarray, "p p"]
+    widest: Float[np.ndarray, " p"],
+    prior: Float[np.ndarray, " p"],
+    told: Float[np.ndarray, "p p"],
+    towards: Float[np.ndarray, " p"],
 ) -> Float[np.ndarray, " p"]:
-    """Prior sigmas that fit what was found: lengths, radii and offsets are each as wrong as these of this model are.
+    """Prior sigmas that fit what is found: lengths, radii and offsets are each as wrong as these of this model are.
 
-    One step of expectation and maximisation for each kind: a hand whose lengths are right keeps them, also where only
-    its radii were wrong.
+    The images say `told @ shape = towards`. The variance of each kind is the square sum of what is found over the
+    number of parameters that images, and not the prior, determine (MacKay, Neural Computation 4, 1992, eq. (2.22)), so
+    a hand whose lengths are right keeps them also where only its radii were wrong.
     """
-    kind = np.tile(_KIND, shape.shape[0])
-    square = (shape.ravel() ** 2 + np.diag(covariance)) / widest**2
-    size = np.sqrt(np.bincount(kind, square) / np.bincount(kind))
-    return widest * np.clip(size, _NARROWEST, 1.0)[kind]
+    kind = np.tile(_KIND, widest.size // PARAMETERS)
+    for _ in range(_LEARNING):
+        covariance = np.linalg.inv(told + np.diag(1.0 / prior**2))
+        found = covariance @ towards
+        determined = np.maximum(1.0 - np.diag(covariance) / prior**2, 0.0)
+        square = (np.bincount(kind, (found / widest) ** 2) + _FEW * _NARROWEST**2) / (
+            np.bincount(kind, determined) + _FEW
+        )
+        prior = widest * np.clip(np.sqrt(square), _NARROWEST, 1.0)[kind]
+    return prior
 
 
 def _sights(
@@ -176,10 +186,11 @@ def _solve(
     shape: Float[np.ndarray, "l 7"],
     sights: list[Sight],
     prior: Float[np.ndarray, " p"],
-) -> tuple[Float[np.ndarray, "l 7"], list[Sight], Float[np.ndarray, "p p"], float]:
-    """One Gauss-Newton step of the shape and of all poses: shape, poses, the shape's information, RMS in pixels."""
+    widest: Float[np.ndarray, " p"],
+) -> tuple[Float[np.ndarray, "l 7"], list[Sight], Float[np.ndarray, "p p"], float, Float[np.ndarray, " p"]]:
+    """One Gauss-Newton step of shape and poses: shape, poses, the shape's information, RMS in pixels, its prior."""
     on = chain(reshaped(model, shape), camera)
-    S, g = np.diag(1.0 / prior**2), shape.ravel() / prior**2
+    S, g = np.zeros((prior.size, prior.size)), np.zeros(prior.size)
     parts, squares, edges = [], 0.0, 0
     for sight in sights:
         r, J, H = _rows(on, sight)
@@ -193,13 +204,15 @@ def _solve(
         S += Hw.T @ H - B.T @ np.linalg.solve(A, B)
         g += Hw.T @ r - B.T @ np.linalg.solve(A, of_u)
         parts.append((A, B, of_u))
+    prior = _learnt_prior(widest, prior, S, S @ shape.ravel() - g)
+    S, g = S + np.diag(1.0 / prior**2), g + shape.ravel() / prior**2
     step = -np.linalg.solve(S, g)
     limits = model.limits[model.free]
     moved = []
     for sight, (A, B, of_u) in zip(sights, parts, strict=True):
         u = sight.u - np.linalg.solve(A, of_u + B @ step)
         moved.append(replace(sight, u=np.clip(u, limits[:, 0], limits[:, 1])))
-    return shape + step.reshape(shape.shape), moved, S, float(np.sqrt(squares / max(edges, 1)))
+    return shape + step.reshape(shape.shape), moved, S, float(np.sqrt(squares / max(edges, 1))), prior
 
 
 def _rows(

@@ -26,7 +26,7 @@ from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, s
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
 _EDGES = 0.25
-_STILL = 5e-6  # radians
+_STILL = 2e-4  # radians: a step within which the rows need not be rendered again
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,7 @@ def refine(
         after = _step(u, g, A, limits)
         shift = [b + each.answer(after - u) for b, each in zip(shift, found, strict=True)]
         still, u = bool(np.abs(after - u).max() < _STILL), after
-        if still and loose == 0.0:
+        if still and number:
             break
     r, J = whitened(u)
     weight = _edge_weight(r)

@@ -26,7 +26,8 @@ from .residuals import Chain
 from .robust import median
 from .soft_image import lens_blur, pill_boxes, ray_grid
 
-_MOST, _WANTED = 20000, 1500  # samples that are kept at the most, and that are wanted on outlines
+_MOST, _WANTED = 20000, 300.0  # samples that are kept at the most; wanted on outlines, for each grey level of noise
+_FEWEST, _PLENTY = 600.0, 1800.0
 _BAND = 2.4  # pixels: width of the band along an outline where pixels show both sides
 _CUT = 3.0  # residual at which a sample counts half
 _MEMORY = 0.8
@@ -153,15 +154,16 @@ def samples_of(
 ) -> tuple[Samples, Rendered]:
     """Samples where the pose u shows or ends pills, on outlines about as many as are worth their time, and rendered."""
     pills = pose_pills(on.model, forward(on.model, pose_from_free(on.model, u)), on.camera)
-    return choose(image, pills, on.camera, appearance, _thinning(pills, on.camera), table)
+    return choose(image, pills, on.camera, appearance, _thinning(pills, on.camera, appearance.noise), table)
 
 
-def _thinning(pills: Pills, camera: Camera) -> int:
+def _thinning(pills: Pills, camera: Camera, noise: float) -> int:
     """One pixel in so many on an outline is enough; never a multiple of three, which would comb vertical outlines."""
     base, tip = project_camera(camera, pills.base), project_camera(camera, pills.tip)
     radius = pills.radius.mean(axis=1) * pixels_per_unit(camera, 0.5 * (pills.base + pills.tip))
     around = 2.0 * np.linalg.norm(tip - base, axis=1) + np.pi * radius
-    thin = int(np.nansum(np.where(np.isfinite(around), around, 0.0)) * _BAND / _WANTED) + 1
+    wanted = min(max(_WANTED * noise, _FEWEST), _PLENTY)
+    thin = int(np.nansum(np.where(np.isfinite(around), around, 0.0)) * _BAND / wanted) + 1
     return thin + 1 if thin % 3 == 0 else thin
 
 

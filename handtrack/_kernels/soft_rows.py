@@ -11,13 +11,14 @@ import math
 import numpy as np
 from numba import njit
 
-from .soft_image import chosen_pills, creased, is_plain, place_at, square
-from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE
+from .soft_image import chosen_pills, creased, place_at, square
+from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE, clear_pill
 
 ALONG, ACROSS = 4, 3  # patches of a link: three thirds and what lies beyond the tip, times left, middle, right
 PATCHES = ALONG * ACROSS
 LARGE, SMALL = 16, 4  # pixels along the side of the largest and of the smallest block
 FEW = 4  # pills that one sample can hold
+NOTHING, OUTLINE, CREASE = 0, 1, 2
 UNKNOWN = -1  # the patch of a sample that no pill has shown in yet
 
 
@@ -45,15 +46,45 @@ def put_sample(image, x, y, size, chosen, count, out, n):  # pragma: no cover - 
 
 
 @njit(cache=True)
-def is_smooth(at, world, s, chosen, count, reach, scratch):  # pragma: no cover - compiled
-    """Whether neither an outline nor a crease passes a place at `reach` pixels or less."""
+def outline_near(at, pinhole, pills, chosen, count, reach, n, inside):  # pragma: no cover - compiled
+    """How many pills cover a place (their numbers in `inside`), and whether an outline passes at `reach` pixels or less.
+
+    Pills that lie wholly beyond that are dropped from `chosen`; the number of those left comes first.
+    """
+    base, tip, radius = pills
+    X, Y, Xx, Xy, Yx, Yy = at[0], at[1], at[2], at[3], at[4], at[5]
+    covering, left, near = 0, 0, False
+    for i in range(count):
+        k = chosen[i]
+        if pinhole:
+            distance, far = clear_pill(0.0, 0.0, 0.0, X, Y, 1.0, base, tip, radius, k, n)
+        else:
+            distance, far = clear_pill(X, Y, 0.0, 0.0, 0.0, 1.0, base, tip, radius, k, n)
+            far = 1.0
+        gx, gy = far * (n[0] * Xx + n[1] * Yx), far * (n[0] * Xy + n[1] * Yy)
+        meets = distance * distance <= reach * reach * (gx * gx + gy * gy)
+        if meets or distance < 0.0:
+            chosen[left] = k
+            left += 1
+        near = near or meets
+        if distance < 0.0:
+            inside[covering] = k
+            covering += 1
+    return left, covering, near
+
+
+@njit(cache=True)
+def passing(at, world, s, chosen, count, reach, scratch):  # pragma: no cover - compiled
+    """What passes a place at `reach` pixels or less: an outline, a crease or NOTHING; and how many pills are left."""
     pinhole, pills, look, behind = world
-    if not is_plain(at, pinhole, pills, chosen, count, reach, scratch[5]):
-        return False
-    if count < 2:
-        return True
-    _, _, there = square(at, pinhole, pills, look, behind, chosen, count, 1.0, s, scratch)
-    return not creased(scratch, there, reach)
+    inside = scratch[7]
+    left, covering, near = outline_near(at, pinhole, pills, chosen, count, reach, scratch[5][0], inside)
+    if near:
+        return OUTLINE, left
+    if covering < 2:
+        return NOTHING, left
+    _, _, there = square(at, pinhole, pills, look, behind, inside, covering, 1.0, s, scratch)
+    return (CREASE if creased(scratch, there, reach) else NOTHING), left
 
 
 @njit(cache=True)
@@ -63,46 +94,59 @@ def choose_samples(
     """One small block of every large one inside surfaces, and one in `thin` of the pixels on outlines and creases.
 
     Large blocks, LARGE pixels a side, are quartered until they are SMALL. Single pixels lie on the lattice
-    `(x + 3 y) mod thin = 0`. Returns the number of samples.
+    `(x + 3 y) mod thin = 0`. Returns the number of samples. Twin: `synthesis.choose_numpy`.
     """
     height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
-    chosen, at, scratch = np.zeros(links, np.int64), np.zeros(6), soft_scratch(links)
-    near, n, left = ROOT + 4.0 * s + 0.5, 0, np.zeros((16, 3), np.int64)
+    at, scratch = np.zeros(6), soft_scratch(links)
+    near, n, left = ROOT + 4.0 * s + 0.5, 0, np.zeros((16, 4), np.int64)
+    each = np.zeros((16, links), np.int64)  # the pills that may show in each block that waits
     out, world = (place, level, pill), (pinhole, pills, look, behind)
     for y0 in range(0, height - LARGE + 1, LARGE):
         for x0 in range(0, width - LARGE + 1, LARGE):
             left[0, 0], left[0, 1], left[0, 2], waiting = x0, y0, LARGE, 1
+            left[0, 3] = chosen_pills(grid, x0, y0, LARGE, boxes, near + 1.0, each[0])
             while waiting > 0:
                 waiting -= 1
-                u, v, size = left[waiting, 0], left[waiting, 1], left[waiting, 2]
-                count = chosen_pills(grid, u, v, size, boxes, near + 1.0, chosen)
+                u, v, size, count = left[waiting, 0], left[waiting, 1], left[waiting, 2], left[waiting, 3]
                 if count == 0:
                     continue
+                chosen = each[waiting]
                 place_at(grid, u + 0.5 * (size - 1), v + 0.5 * (size - 1), at)
-                if is_smooth(at, world, s, chosen, count, near + 0.75 * (size - 1), scratch):
+                what, count = passing(at, world, s, chosen, count, near + 0.75 * (size - 1), scratch)
+                if what == NOTHING:
                     turn = u // SMALL + v // SMALL  # a small part of it: all of it would be bent by the shading
-                    if size > SMALL or turn % 4 == 0:
+                    if count > 0 and (size > SMALL or turn % 4 == 0):
                         x, y = u + SMALL * (turn % (size // SMALL)), v + SMALL * (turn // 2 % (size // SMALL))
                         n = put_sample(image, x, y, SMALL, chosen, count, out, n)
                 elif size > SMALL:
-                    for i in range(4):
-                        left[waiting, 0], left[waiting, 1] = u + size // 2 * (i % 2), v + size // 2 * (i // 2)
-                        left[waiting, 2] = size // 2
-                        waiting += 1
+                    for i in range(3, -1, -1):
+                        left[waiting + i, 0], left[waiting + i, 1] = u + size // 2 * (i % 2), v + size // 2 * (i // 2)
+                        left[waiting + i, 2], left[waiting + i, 3] = size // 2, count
+                        each[waiting + i, :count] = chosen[:count]
+                    waiting += 4
                 else:
-                    n = put_pixels(image, grid, u, v, world, s, chosen, count, near, thin, scratch, out, n)
+                    n = put_pixels(image, grid, u, v, world, s, chosen, count, what, near, thin, scratch, out, n)
     return n
 
 
 @njit(cache=True)
-def put_pixels(image, grid, u, v, world, s, chosen, count, near, thin, scratch, out, n):  # pragma: no cover - compiled
+def put_pixels(
+    image, grid, u, v, world, s, chosen, count, what, near, thin, scratch, out, n
+):  # pragma: no cover - compiled
     """Write the pixels of a small block that lie on the lattice: on outlines and creases all, beside them a third."""
     at = scratch[6]
     for y in range(v, v + SMALL):
         for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + SMALL, thin):
             place_at(grid, x, y, at)
-            sparse = (x + 3 * y) // thin % 3 == 0
-            if sparse or not is_smooth(at, world, s, chosen, count, near, scratch):
+            fine = scratch[8]
+            fine[:count] = chosen[:count]
+            found, few = OUTLINE, count
+            if what == CREASE:
+                found, few = passing(at, world, s, fine, count, near, scratch)
+            elif not outline_near(at, world[0], world[1], fine, count, near, scratch[5][0], scratch[7])[2]:
+                found = NOTHING
+            take = found != NOTHING or (x + 3 * y) // thin % 3 == 0
+            if take:
                 n = put_sample(image, x, y, 1, chosen, count, out, n)
     return n
 
@@ -146,6 +190,8 @@ def soft_scratch(links):  # pragma: no cover - compiled
         np.zeros((links, 3)),
         np.zeros((5, 3)),
         np.zeros(6),
+        np.zeros(links, np.int64),
+        np.zeros(links, np.int64),
     )
 
 

@@ -29,19 +29,28 @@ def calibrate_shape(
         typer.Option(help="Pose of the first frame in degrees: a file with `start: {...}`, or '{joint: value, ...}'."),
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Frames per second, for a folder of images.")] = None,
+    frames: Annotated[int, typer.Option(help="Frames that are used at the most.")] = 64,
+    couple_tips: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SIGMA",
+            help="Also let each finger's last joint follow the one before, within SIGMA degrees (4 is usual).",
+            show_default=False,
+        ),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Picture of the outlines before and after (PNG, SVG or PDF).")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The shape found, as JSON for machines.")] = False,
 ) -> None:
     """Find length, radii and offsets of every link from the first frames; writes a model file with sigmas."""
-    from .calibrating import calibrated, outline_figure, shape_data, shape_text
+    from .calibrating import ROUNDS, calibrated, outline_figure, shape_data, shape_text
     from .pictures import save
     from .tracking import open_input
 
     sequence = open_input(source, model, camera or [], start, fps)
-    with progress("calibrating", 4) as done:
-        found = calibrated(sequence, out, done)
+    with progress("calibrating", ROUNDS) as done:
+        found = calibrated(sequence, out, done, frames, couple_tips)
     if plot is not None:
         save(outline_figure(sequence, found), plot)
         note(f"{plot}")

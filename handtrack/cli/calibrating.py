@@ -1,6 +1,7 @@
 """A sequence in, its calibrated model written, told and drawn: the work of `handtrack calibrate-shape`."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from ..calibrate import Calibration, calibrate
+from ..calibrate_couplings import with_coupled_tips
 from ..errors import InputError
 from ..formats.model_writing import write_model
 from ..kinematics import Model, forward, pose_from_free
@@ -17,24 +19,62 @@ from ..link_shape import PARAMETERS, reshaped
 from ..outlines import silhouettes
 from ..pills import pose_pills
 from ..sequences import Sequence
+from ..settings import Settings
 
-MOST = 32  # frames
+MOST = 64  # frames
+ROUNDS = 5  # of tracking and solving at the most, for the progress bar
 _NAMES = ("length", "radius_base", "radius_tip", "base_y", "base_z", "tip_y", "tip_z")
 
 
-def calibrated(sequence: Sequence, out: Path, done: Callable[[int], None]) -> Calibration:
-    """Calibrate the sequence's model and write it to a file."""
-    if sequence.start is None:
-        raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
+def calibrated(
+    sequence: Sequence, out: Path, done: Callable[[int], None], most: int = MOST, couple: float | None = None
+) -> Calibration:
+    """Calibrate the sequence's model on its first frames and write it to a file.
+
+    Parameters
+    ----------
+    most : int
+        Frames that are used at the most.
+    couple : float or None
+        Standard deviation, degrees, of a soft coupling of the last joints of each finger; none where it is None.
+    """
     if not out.absolute().parent.is_dir() or out.is_dir():
         raise InputError(f"--out: {out}; a file in an existing folder was wanted")
-    images = list(islice(sequence, MOST))
-    try:
-        found = calibrate(images, sequence.model, sequence.cameras, sequence.start, sequence.fps, progress=done)
-    except ValueError as refused:
-        raise InputError(f"{sequence.path}: {refused}") from refused
+    found = calibrated_model(sequence, most, done, couple)
     write_model(out, found.model)
     return found
+
+
+def calibrated_model(
+    sequence: Sequence, most: int, done: Callable[[int], None], couple: float | None = None, hypotheses: bool = True
+) -> Calibration:
+    """The sequence's model calibrated on its first `most` frames; see `calibrated`."""
+    if sequence.start is None:
+        raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
+    if couple is not None and not 0.0 < couple < np.inf:
+        raise InputError(f"--couple-tips: {couple:g}; a number of degrees > 0 was wanted")
+    if most < 2:
+        raise InputError(f"--calibrate: {most}; 2 frames or more were wanted")
+    images, settings = list(islice(sequence, most)), Settings(hypotheses=hypotheses)
+    try:
+        model = sequence.model
+        if couple is not None:
+            model = with_coupled_tips(model, sequence.start, np.radians(couple))
+        return calibrate(images, model, sequence.cameras, sequence.start, sequence.fps, settings, done)
+    except ValueError as refused:
+        raise InputError(f"{sequence.path}: {refused}") from refused
+
+
+def with_calibrated_model(
+    sequence: Sequence, most: int, done: Callable[[int], None], hypotheses: bool = True
+) -> Sequence:
+    """The sequence with its model calibrated on the first frames, and a line that says so."""
+    found = calibrated_model(sequence, most, done, hypotheses=hypotheses)
+    said = (
+        f"the model's shape was calibrated on {found.frames.size} frames: edges {found.residual_before:.2f} px from the "
+        f"outline before, {found.residual_after:.2f} px after; model.yaml of this run holds it"
+    )
+    return replace(sequence, model=found.model, warnings=(*sequence.warnings, said))
 
 
 def _table(found: Calibration) -> tuple[Float[np.ndarray, "l 7"], Float[np.ndarray, "l 7"]]:

@@ -37,6 +37,12 @@ def track(
     surface: Annotated[
         Path | None, typer.Option(help="Skinned hand mesh (.glb, W3C joint names) to track with instead of pills.")
     ] = None,
+    calibrate: Annotated[
+        int | None,
+        typer.Option(
+            metavar="FRAMES", help="First find the shape of the links from so many frames (20 is usual).", show_default=False
+        ),
+    ] = None,
     residuals: Annotated[
         Residuals, typer.Option(help="Edge points against the outline, or the thesis's lines.")
     ] = "outline",
@@ -82,7 +88,7 @@ def track(
     }
     settings = make_settings({name: value for name, value in chosen.items() if value is not None})
     sequence = open_input(sources, model, camera or [], start, fps)
-    result = track_into(out, sequence, settings, surface)
+    result = track_into(out, sequence, settings, surface, calibrate)
     if as_json:
         say_json(summary(result, out))
     else:

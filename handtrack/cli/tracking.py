@@ -13,6 +13,7 @@ from ..settings import Settings
 from ..surface.tracking import track_surface
 from ..track import Track
 from ..tracker import track
+from .calibrating import ROUNDS, with_calibrated_model
 from .console import note, progress, warning
 from .record import RUN_FILE, whole_folder, write_run
 from .skinned import open_surface
@@ -64,12 +65,25 @@ def parse_start(text: str) -> dict[str, float] | Path:
     return {joint: float(value) for joint, value in data.items()}
 
 
-def track_into(out: Path, sequence: Sequence, settings: Settings, surface: Path | None = None) -> Track:
-    """Track a sequence, with a skinned surface if a file is named, and write its run folder, whole or not at all."""
+def track_into(
+    out: Path, sequence: Sequence, settings: Settings, surface: Path | None = None, calibrate: int | None = None
+) -> Track:
+    """Track a sequence, with a skinned surface if a file is named, and write its run folder, whole or not at all.
+
+    Parameters
+    ----------
+    calibrate : int or None
+        First frames that the shape of the links is found from before tracking; None leaves the model as it is.
+    """
     if sequence.start is None:
         raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
     skinned = None if surface is None else open_surface(surface, sequence.model, settings)
+    if calibrate is not None and surface is not None:
+        raise InputError("--calibrate: finds the shape of pills; no --surface was wanted with it")
     with whole_folder(out, RUN_FILE, "run") as folder:
+        if calibrate is not None:
+            with progress("calibrating", ROUNDS) as done:
+                sequence = with_calibrated_model(sequence, calibrate, done, settings.hypotheses)
         begun = perf_counter()
         with progress("tracking", len(sequence)) as done:
             if skinned is None:

@@ -213,15 +213,18 @@ def _eliminated(
     weight = np.sqrt(weight)
     s, tau = patch_scatter(weight * left, rows.patch, rows.kind)
     white, scale = Whitener(1.0, rows.patch, *_patches(rows, s, tau)), weight / (_CAUCHY * s)
-    links = np.unique(rows.region[rows.region >= 0])
-    moved = np.hstack([shift * (rows.region == link)[:, None] for link in links] or [np.zeros((rows.r.size, 0))])
-    r, each = white(scale * rows.r, scale[:, None] * np.hstack([both, moved]))
-    J, B, H = each[:, :k], each[:, k : k + known.size], each[:, k + known.size :]
+    r, each = white(scale * rows.r, scale[:, None] * both)
+    J, B = each[:, :k], each[:, k:]
     K = B.T @ B
     K[range(known.size), range(known.size)] += known
     solved = np.linalg.solve(K, B.T @ np.column_stack([J, r]))
     J_free, r_free = J - B @ solved[:, :k], r - B @ solved[:, k]
-    outline, JH = rows.kind == EDGE, J_free.T @ H
+    # The map that whitens is symmetric: it is cheaper to apply it to J once more than to every displaced link.
+    _, J_twice = white(r_free, J_free)
+    weighed = scale[:, None] * shift
+    links = [np.flatnonzero(rows.region == link) for link in np.unique(rows.region[rows.region >= 0])]
+    JH = np.hstack([J_twice[link].T @ weighed[link] for link in links] or [np.zeros((k, 0))])
+    outline = rows.kind == EDGE
     edge_A = J_free[outline].T @ J[outline]
     return _System(
         J_free.T @ r,
