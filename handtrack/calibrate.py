@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from .calibrate_buried import buried_shares
 from .camera import Camera
 from .kinematics import Model
 from .link_shape import PARAMETERS, factor_of, reshaped, shape_rows, sigmas_from_covariance
@@ -29,6 +30,7 @@ _KIND = np.array([0, 1, 1, 2, 2, 2, 2])  # length, radius, offset
 _NARROWEST = 0.02
 _LEARNING, _FEW = 4, 0.3  # rounds of learning the prior in each solve; and weight of the narrowest, in parameters
 _ROUNDS = ((4, 3), (8, 3), (16, 3), (32, 3), (64, 3))  # frames, and solves, of each round
+_BURIED_AFTER = 1  # round: the shape is right but for what pills cannot be
 _POSE_SIGMA = np.radians(12.0)  # how far a pose may move in one round
 _CORRELATED = 4.0  # edges that share one error: neighbours on a side see the same unmodelled bulge
 
@@ -109,6 +111,12 @@ def calibrate(
         for _ in range(solves if sights else 0):
             shape, sights, S, rms, prior = _solve(model, cameras[0], shape, sights, prior, widest)
             first_rms = rms if first_rms is None else first_rms
+        if sights and number == _BURIED_AFTER and model.link_buried is None:
+            near = [(sight.features, sight.u) for sight in sights]
+            buried = buried_shares(chain(reshaped(model, shape), cameras[0]), near)
+            if buried is not None:  # false edges have bent the shape by now
+                bare = replace(model, link_buried=buried)
+                return calibrate(images, bare, cameras, start_pose, fps, settings, progress)
         if progress is not None:
             progress(number + 1)
     if not sights:

@@ -15,7 +15,7 @@ from .appearance import Appearance
 from .edges import FOUND, HIDDEN, JOINT, OUTSIDE, EdgePoints, find_edges
 from .kinematics import forward, pose_from_free
 from .pills import Pills, pose_pills
-from .profiles import Profiles, Samplers, place_outline, sample
+from .profiles import Profiles, Samplers, outside, place_outline, sample
 from .residuals import Chain, LineFeatures, OutlineFeatures, in_world, outline_residuals_numpy, turned_rays
 from .settings import Settings
 from .templates import Templates, expect, positions
@@ -89,6 +89,8 @@ def look(
     """
     frames, pills = posed_with_frames(on, u)
     samplers = place_outline(pills, on.camera, on.model.link_is_tip, settings.spacing, *_counts(settings.spacing))
+    if on.model.link_buried is not None:
+        samplers = outside(samplers, on.model.link_buried)
     spread = _predicted_spread(on, samplers, frames, covariance)
     reach = np.clip(widen * (3.0 * spread + 1.0), LEAST_REACH, MOST_REACH)
     farthest = float(reach.max(initial=LEAST_REACH))

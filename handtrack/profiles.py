@@ -232,6 +232,11 @@ def _laid_out(
     return link, along, side, angle
 
 
+def outside(samplers: Samplers, buried: Float[np.ndarray, " l"]) -> Samplers:
+    """Samplers but those on the share of each link, from its base, that is buried in what the model lacks."""
+    return _only(samplers, (samplers.side == 0) | (samplers.along >= buried[samplers.link]))
+
+
 def _only(samplers: Samplers, kept: Bool[np.ndarray, " n"]) -> Samplers:
     return Samplers(*(getattr(samplers, field.name)[kept] for field in fields(samplers)))
 

@@ -26,7 +26,7 @@ from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, s
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
 _EDGES = 0.25
-_STILL = 2e-4  # radians: a step within which the rows need not be rendered again
+_STILL = 1e-3  # radians: a step within which the rows need not be rendered again
 
 
 @dataclass(frozen=True, slots=True, eq=False)

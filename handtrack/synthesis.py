@@ -21,12 +21,12 @@ from ._kernels.soft_rows import PATCHES, UNKNOWN
 from .appearance import Appearance
 from .camera import Camera, pixels_per_unit, project_camera
 from .kinematics import forward, link_ends, point_jacobian, pose_from_free
-from .pills import Pills, pose_pills
+from .pills import Pills, clearance, pose_pills
 from .residuals import Chain
 from .robust import median
 from .soft_image import lens_blur, pill_boxes, ray_grid
 
-_MOST, _WANTED = 20000, 300.0  # samples that are kept at the most; wanted on outlines, for each grey level of noise
+_MOST, _WANTED = 8000, 300.0  # samples that are kept at the most; wanted on outlines, for each grey level of noise
 _FEWEST, _PLENTY = 600.0, 1800.0
 _BAND = 2.4  # pixels: width of the band along an outline where pixels show both sides
 _CUT = 3.0  # residual at which a sample counts half
@@ -182,8 +182,6 @@ def choose(
         _grid(camera),
         camera.kind == "perspective",
         (pills.base, pills.tip, pills.radius),
-        (appearance.shading, appearance.gain),
-        float(appearance.background),
         pill_boxes(pills, camera),
         lens_blur(appearance),
         thin,
@@ -195,6 +193,22 @@ def choose(
     seen = rendered(samples, pills, camera, appearance, table)  # which finds the patches
     kept = samples.patch != UNKNOWN
     return _part(samples, kept), _part(seen, kept)
+
+
+def outlined_numpy(pills: Pills, camera: Camera, reach: float) -> Bool[np.ndarray, "h w"]:
+    """Pixels within `reach` pixels of the outline of any pill, hidden or not: twin of how the kernel finds them."""
+    grid, pinhole = _grid(camera), camera.kind == "perspective"
+    place, slope = grid.reshape(-1, 2), [g.reshape(-1, 2) for g in np.gradient(grid, axis=(1, 0))]
+    nothing, one = np.zeros((place.shape[0], 1)), np.ones((place.shape[0], 1))
+    along = np.hstack([place, one]) if pinhole else np.hstack([np.zeros_like(place), one])
+    origin = np.zeros_like(along) if pinhole else np.hstack([place, nothing])
+    out = np.zeros(place.shape[0], dtype=bool)
+    for k in range(pills.base.shape[0]):
+        near = clearance(pills, np.full(place.shape[0], k), origin, along)
+        steep = np.stack([(near.normal[:, :2] * part).sum(axis=1) for part in slope], axis=1)
+        steep *= near.depth[:, None] if pinhole else 1.0
+        out |= np.abs(near.distance) <= reach * np.linalg.norm(steep, axis=1)
+    return out.reshape(grid.shape[:2])
 
 
 def _part(of, kept: Bool[np.ndarray, " n"]):

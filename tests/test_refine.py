@@ -22,6 +22,7 @@ from handtrack.synthesis import (
     learn_unmodelled,
     link_twists,
     normal_equations_numpy,
+    outlined_numpy,
     rendered,
     samples_of,
 )
@@ -120,6 +121,24 @@ def test_samples_lie_on_outlines_and_inside_and_are_means_of_the_image(kind):
         assert n == 1 or np.ptp(plain[y0 : y0 + n, x0 : x0 + n]) < 0.4 * np.ptp(plain)  # no outline in a block
     assert set(samples.place[:, 2]) == {1.0, 4.0}
     assert set(samples.patch // PATCHES) == set(range(on.model.link_frame.size))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_the_pixels_on_outlines_are_those_of_the_plain_search(kind):
+    on, u, appearance, picture, _ = seen(kind)
+    pills, thin = posed(on, u), 5
+    samples, _ = choose(picture, pills, on.camera, appearance, thin)
+    single = samples.place[samples.place[:, 2] == 1.0, :2].astype(int)
+    found = np.zeros(picture.shape, bool)
+    found[single[:, 1], single[:, 0]] = True
+    y, x = np.indices(picture.shape)
+    lattice = (x + 3 * y) % thin == 0
+    outlined = outlined_numpy(pills, on.camera, np.sqrt(0.5) + 0.5) & lattice
+    inside = soft_image(pills, on.camera, appearance, block=1).image != appearance.background
+    missed = outlined & inside & ~found
+    assert outlined.sum() > 200 and missed.mean() * picture.size < 0.01 * outlined.sum()
+    more = found & ~outlined
+    assert not (found & ~lattice).any() and more.sum() < 1.2 * outlined.sum()
 
 
 def test_an_outline_out_of_the_image_or_a_dark_image_gives_no_false_samples():

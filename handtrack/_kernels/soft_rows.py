@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from .soft_image import chosen_pills, creased, place_at, square
+from .geometry import hit_pill
+from .soft_image import chosen_pills, place_at, square
 from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE, clear_pill
 
 ALONG, ACROSS = 4, 3  # patches of a link: three thirds and what lies beyond the tip, times left, middle, right
@@ -47,7 +48,7 @@ def put_sample(image, x, y, size, chosen, count, out, n):  # pragma: no cover - 
 
 @njit(cache=True)
 def outline_near(at, pinhole, pills, chosen, count, reach, n, inside):  # pragma: no cover - compiled
-    """How many pills cover a place (their numbers in `inside`), and whether an outline passes at `reach` pixels or less.
+    """How many pills cover a place (numbers in `inside`), and whether an outline passes at `reach` pixels or less.
 
     Pills that lie wholly beyond that are dropped from `chosen`; the number of those left comes first.
     """
@@ -74,33 +75,57 @@ def outline_near(at, pinhole, pills, chosen, count, reach, n, inside):  # pragma
 
 
 @njit(cache=True)
-def passing(at, world, s, chosen, count, reach, scratch):  # pragma: no cover - compiled
+def crease_near(at, pinhole, pills, inside, covering, reach, two):  # pragma: no cover - compiled
+    """Whether the two nearest of the pills that cover a place meet within `reach` pixels."""
+    base, tip, radius = pills
+    X, Y, Xx, Xy, Yx, Yy = at[0], at[1], at[2], at[3], at[4], at[5]
+    two[0, 0] = two[1, 0] = math.inf  # depth and its slopes along x and y, of the nearest and the next
+    for i in range(covering):
+        k = inside[i]
+        if pinhole:
+            t, nx, ny, nz = hit_pill(0.0, 0.0, 0.0, X, Y, 1.0, base, tip, radius, k)
+            facing, far = nx * X + ny * Y + nz, t
+        else:
+            t, nx, ny, nz = hit_pill(X, Y, 0.0, 0.0, 0.0, 1.0, base, tip, radius, k)
+            facing, far = nz, 1.0
+        if not (t < two[1, 0] and facing < -1e-9):
+            continue
+        row = 0 if t < two[0, 0] else 1
+        if row == 0:
+            two[1, 0], two[1, 1], two[1, 2] = two[0, 0], two[0, 1], two[0, 2]
+        two[row, 0], two[row, 1] = t, -far * (nx * Xx + ny * Yx) / facing
+        two[row, 2] = -far * (nx * Xy + ny * Yy) / facing
+    if not two[1, 0] < math.inf:
+        return False
+    return two[1, 0] - two[0, 0] <= reach * math.hypot(two[1, 1] - two[0, 1], two[1, 2] - two[0, 2])
+
+
+@njit(cache=True)
+def passing(at, world, chosen, count, reach, scratch):  # pragma: no cover - compiled
     """What passes a place at `reach` pixels or less: an outline, a crease or NOTHING; and how many pills are left."""
-    pinhole, pills, look, behind = world
+    pinhole, pills = world
     inside = scratch[7]
     left, covering, near = outline_near(at, pinhole, pills, chosen, count, reach, scratch[5][0], inside)
     if near:
         return OUTLINE, left
     if covering < 2:
         return NOTHING, left
-    _, _, there = square(at, pinhole, pills, look, behind, inside, covering, 1.0, s, scratch)
-    return (CREASE if creased(scratch, there, reach) else NOTHING), left
+    return (CREASE if crease_near(at, pinhole, pills, inside, covering, reach, scratch[4]) else NOTHING), left
 
 
 @njit(cache=True)
-def choose_samples(
-    image, grid, pinhole, pills, look, behind, boxes, s, thin, place, level, pill
-):  # pragma: no cover - compiled
+def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pill):  # pragma: no cover - compiled
     """One small block of every large one inside surfaces, and one in `thin` of the pixels on outlines and creases.
 
     Large blocks, LARGE pixels a side, are quartered until they are SMALL. Single pixels lie on the lattice
-    `(x + 3 y) mod thin = 0`. Returns the number of samples. Twin: `synthesis.choose_numpy`.
+    `(x + 3 y) mod thin = 0`. Returns the number of samples. Twin: `synthesis.outlined_numpy`,
+    for pixels on outlines.
     """
     height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
     at, scratch = np.zeros(6), soft_scratch(links)
     near, n, left = ROOT + 4.0 * s + 0.5, 0, np.zeros((16, 4), np.int64)
     each = np.zeros((16, links), np.int64)  # the pills that may show in each block that waits
-    out, world = (place, level, pill), (pinhole, pills, look, behind)
+    out, world = (place, level, pill), (pinhole, pills)
     for y0 in range(0, height - LARGE + 1, LARGE):
         for x0 in range(0, width - LARGE + 1, LARGE):
             left[0, 0], left[0, 1], left[0, 2], waiting = x0, y0, LARGE, 1
@@ -112,7 +137,7 @@ def choose_samples(
                     continue
                 chosen = each[waiting]
                 place_at(grid, u + 0.5 * (size - 1), v + 0.5 * (size - 1), at)
-                what, count = passing(at, world, s, chosen, count, near + 0.75 * (size - 1), scratch)
+                what, count = passing(at, world, chosen, count, near + 0.75 * (size - 1), scratch)
                 if what == NOTHING:
                     turn = u // SMALL + v // SMALL  # a small part of it: all of it would be bent by the shading
                     if count > 0 and (size > SMALL or turn % 4 == 0):
@@ -125,13 +150,13 @@ def choose_samples(
                         each[waiting + i, :count] = chosen[:count]
                     waiting += 4
                 else:
-                    n = put_pixels(image, grid, u, v, world, s, chosen, count, what, near, thin, scratch, out, n)
+                    n = put_pixels(image, grid, u, v, world, chosen, count, what, near, thin, scratch, out, n)
     return n
 
 
 @njit(cache=True)
 def put_pixels(
-    image, grid, u, v, world, s, chosen, count, what, near, thin, scratch, out, n
+    image, grid, u, v, world, chosen, count, what, near, thin, scratch, out, n
 ):  # pragma: no cover - compiled
     """Write the pixels of a small block that lie on the lattice: on outlines and creases all, beside them a third."""
     at = scratch[6]
@@ -140,9 +165,9 @@ def put_pixels(
             place_at(grid, x, y, at)
             fine = scratch[8]
             fine[:count] = chosen[:count]
-            found, few = OUTLINE, count
+            found = OUTLINE
             if what == CREASE:
-                found, few = passing(at, world, s, fine, count, near, scratch)
+                found, _ = passing(at, world, fine, count, near, scratch)
             elif not outline_near(at, world[0], world[1], fine, count, near, scratch[5][0], scratch[7])[2]:
                 found = NOTHING
             take = found != NOTHING or (x + 3 * y) // thin % 3 == 0

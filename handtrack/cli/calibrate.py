@@ -38,6 +38,9 @@ def calibrate_shape(
             show_default=False,
         ),
     ] = None,
+    start_sigma: Annotated[
+        float, typer.Option(help="Standard deviation of the start pose, degrees: it ties shape and pose together.")
+    ] = 3.0,
     plot: Annotated[
         Path | None, typer.Option(help="Picture of the outlines before and after (PNG, SVG or PDF).")
     ] = None,
@@ -50,7 +53,7 @@ def calibrate_shape(
 
     sequence = open_input(source, model, camera or [], start, fps)
     with progress("calibrating", ROUNDS) as done:
-        found = calibrated(sequence, out, done, frames, couple_tips)
+        found = calibrated(sequence, out, done, frames, couple_tips, start_sigma)
     if plot is not None:
         save(outline_figure(sequence, found), plot)
         note(f"{plot}")

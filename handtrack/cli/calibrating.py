@@ -27,7 +27,12 @@ _NAMES = ("length", "radius_base", "radius_tip", "base_y", "base_z", "tip_y", "t
 
 
 def calibrated(
-    sequence: Sequence, out: Path, done: Callable[[int], None], most: int = MOST, couple: float | None = None
+    sequence: Sequence,
+    out: Path,
+    done: Callable[[int], None],
+    most: int = MOST,
+    couple: float | None = None,
+    start_sigma: float = 3.0,
 ) -> Calibration:
     """Calibrate the sequence's model on its first frames and write it to a file.
 
@@ -37,16 +42,18 @@ def calibrated(
         Frames that are used at the most.
     couple : float or None
         Standard deviation, degrees, of a soft coupling of the last joints of each finger; none where it is None.
+    start_sigma : float
+        Standard deviation of the start pose, degrees.
     """
     if not out.absolute().parent.is_dir() or out.is_dir():
         raise InputError(f"--out: {out}; a file in an existing folder was wanted")
-    found = calibrated_model(sequence, most, done, couple)
+    found = calibrated_model(sequence, most, done, couple, start_sigma)
     write_model(out, found.model)
     return found
 
 
 def calibrated_model(
-    sequence: Sequence, most: int, done: Callable[[int], None], couple: float | None = None, hypotheses: bool = True
+    sequence: Sequence, most: int, done: Callable[[int], None], couple: float | None = None, start_sigma: float = 3.0
 ) -> Calibration:
     """The sequence's model calibrated on its first `most` frames; see `calibrated`."""
     if sequence.start is None:
@@ -55,8 +62,9 @@ def calibrated_model(
         raise InputError(f"--couple-tips: {couple:g}; a number of degrees > 0 was wanted")
     if most < 2:
         raise InputError(f"--calibrate: {most}; 2 frames or more were wanted")
-    images, settings = list(islice(sequence, most)), Settings(hypotheses=hypotheses)
+    images = list(islice(sequence, most))
     try:
+        settings = Settings(start_sigma=np.radians(start_sigma))
         model = sequence.model
         if couple is not None:
             model = with_coupled_tips(model, sequence.start, np.radians(couple))
@@ -65,11 +73,9 @@ def calibrated_model(
         raise InputError(f"{sequence.path}: {refused}") from refused
 
 
-def with_calibrated_model(
-    sequence: Sequence, most: int, done: Callable[[int], None], hypotheses: bool = True
-) -> Sequence:
+def with_calibrated_model(sequence: Sequence, most: int, done: Callable[[int], None], start_sigma: float) -> Sequence:
     """The sequence with its model calibrated on the first frames, and a line that says so."""
-    found = calibrated_model(sequence, most, done, hypotheses=hypotheses)
+    found = calibrated_model(sequence, most, done, None, start_sigma)
     said = (
         f"the model's shape was calibrated on {found.frames.size} frames: edges {found.residual_before:.2f} px from the "
         f"outline before, {found.residual_after:.2f} px after; model.yaml of this run holds it"

@@ -124,6 +124,7 @@ def open_past(run: Path, record: Mapping[str, Any], source: list[Path] | None) -
     if first.name == NAME or (first / NAME).exists():
         sequence = open_sequence(first)
         same_model = dict(checksums(sequence)).get("model") == record["inputs"].get("model")
+        same_model = same_model and not record.get("calibrated_on")
         if same_model and same_start(sequence, record):
             return track, sequence, True
         return track, open_sequence(first, run / "model.yaml", record["start"]), False

@@ -102,8 +102,12 @@ def write_run(
     settings: Settings,
     seconds: float,
     skinned: Skinned | None = None,
+    calibrated_on: int | None = None,
 ) -> None:
-    """Write every file of a run; `seconds` is what tracking took, image reading included."""
+    """Write every file of a run; `seconds` is what tracking took, image reading included.
+
+    `calibrated_on` is the number of first frames that the sequence's model was calibrated on for this run.
+    """
     write_track(folder, track, sequence.model)
     if track.width is not None:  # those of pills; a skin has no single one
         write_widths(folder / "widths.csv", track, sequence.model)
@@ -135,6 +139,7 @@ def write_run(
         "start": {} if sequence.start is None else degrees(sequence.model, sequence.start),
         "settings": asdict(settings),
         **({} if skinned is None else {"surface": skinned.as_data()}),
+        **({} if calibrated_on is None else {"calibrated_on": calibrated_on}),
         "versions": dict(versions),
         "views": [
             {"name": name, "camera": dict(camera_entries(camera))}

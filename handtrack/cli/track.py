@@ -40,7 +40,9 @@ def track(
     calibrate: Annotated[
         int | None,
         typer.Option(
-            metavar="FRAMES", help="First find the shape of the links from so many frames (20 is usual).", show_default=False
+            metavar="FRAMES",
+            help="First find the shape of the links from so many frames (20 is usual).",
+            show_default=False,
         ),
     ] = None,
     residuals: Annotated[

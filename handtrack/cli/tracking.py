@@ -75,7 +75,8 @@ def track_into(
     calibrate : int or None
         First frames that the shape of the links is found from before tracking; None leaves the model as it is.
     """
-    if sequence.start is None:
+    start = sequence.start
+    if start is None:
         raise InputError(f"{sequence.path}: no start pose; `start:` in the sequence file was wanted")
     skinned = None if surface is None else open_surface(surface, sequence.model, settings)
     if calibrate is not None and surface is not None:
@@ -83,7 +84,7 @@ def track_into(
     with whole_folder(out, RUN_FILE, "run") as folder:
         if calibrate is not None:
             with progress("calibrating", ROUNDS) as done:
-                sequence = with_calibrated_model(sequence, calibrate, done, settings.hypotheses)
+                sequence = with_calibrated_model(sequence, calibrate, done, float(np.degrees(settings.start_sigma)))
         begun = perf_counter()
         with progress("tracking", len(sequence)) as done:
             if skinned is None:
@@ -92,7 +93,7 @@ def track_into(
                 follow = partial(track_surface, sequence, skinned.surface)
             result = follow(
                 sequence.cameras,
-                sequence.start,
+                start,
                 fps=sequence.fps,
                 settings=settings,
                 times=sequence.times,
@@ -100,7 +101,7 @@ def track_into(
             )
         seconds = perf_counter() - begun
         note("writing video and report")
-        write_run(folder, result, sequence, settings, seconds, skinned)
+        write_run(folder, result, sequence, settings, seconds, skinned, calibrate)
     return result
 
 

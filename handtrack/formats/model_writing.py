@@ -120,6 +120,8 @@ def _link_text(model: Model, link: int) -> str:
     base, tip = link_offsets(model, link)
     parts += [f"base_offset: {_list(base)}"] if any(base) else []
     parts += [f"tip_offset: {_list(tip)}"] if any(tip) else []
+    if model.link_buried is not None and model.link_buried[link]:
+        parts.append(f"buried: {number(model.link_buried[link])}")
     sigmas = model.link_sigmas[link]
     return "{" + ", ".join(parts + ([] if sigmas is None else [f"sigmas: {_sigmas_text(sigmas)}"])) + "}"
 

@@ -67,6 +67,7 @@ class LinkFile(Strict):
     ]
     base_offset: _Triple | None = None
     tip_offset: _Triple | None = None
+    buried: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     sigmas: SigmasFile | None = None
 
 
@@ -220,6 +221,7 @@ def _with_link(document: Document, place: tuple[str | int, ...], link: LinkFile,
         link_base_offset=None if base is None else _triple(base),
         link_tip_offset=None if tip is None else _triple(tip),
         link_sigmas=sigmas,
+        link_buried=link.buried,
     )
 
 

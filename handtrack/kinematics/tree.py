@@ -52,6 +52,8 @@ class FrameRow:
         Added to the centres (0, 0, 0) and (link_length, 0, 0) of the pill's end spheres, in the axes of this frame.
     link_sigmas : LinkSigmas or None
         How well the shape is known; None where it is taken as exact.
+    link_buried : float
+        Share of the link, from its base, whose outline is not looked at.
     """
 
     id: int
@@ -69,6 +71,7 @@ class FrameRow:
     link_base_offset: tuple[float, float, float] | None = None
     link_tip_offset: tuple[float, float, float] | None = None
     link_sigmas: LinkSigmas | None = None
+    link_buried: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,6 +102,8 @@ class Model:
     shape_factor : (7l, 7l) or None
         Lower triangle F: the shapes of all links, seven parameters each, have covariance `F F^T`. None where only
         `link_sigmas` tell.
+    link_buried : (l,) or None
+        Share of each link, from its base, whose outline is not looked at: it sits in a palm the model lacks.
     link_finger, link_is_tip, link_parent : (l,)
         Group of links that lead to the same tip, whether the link ends its chain, and the nearest link below it (-1).
     """
@@ -128,6 +133,7 @@ class Model:
     link_is_tip: Bool[np.ndarray, " l"]
     link_parent: Int[np.ndarray, " l"]
     shape_factor: Float[np.ndarray, "p p"] | None = None
+    link_buried: Float[np.ndarray, " l"] | None = None
 
 
 def link_transform(alpha: float, a: float, d: float, theta: float) -> Float[np.ndarray, "4 4"]:
@@ -206,6 +212,7 @@ def model_from_rows(
         link_finger=link_finger,
         link_is_tip=link_is_tip,
         link_parent=link_parent,
+        link_buried=np.array([rows[i].link_buried for i in links]) if any(row.link_buried for row in rows) else None,
     )
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from ..appearance import learn_from_samples, pixel_noise
 from ..camera import Camera
 from ..sharpness import BLURS
-from .image import EDGE, INSIDE, RIM, Box, box_of, expected_image, fragments
+from .image import EDGE, INSIDE, RIM, Box, box_of, expected_image, fragments, lens_blur
 from .raster import smooth_normals
 from .shading import FAIR, Readings, SurfaceAppearance, expected_levels, learn_shading, plain_appearance
 from .skin import Surface
@@ -79,7 +79,10 @@ def _at_centres(
     surface: Surface, camera: Camera, view: View, box: Box, known: SurfaceAppearance, of: Readings
 ) -> Readings:
     """Levels of pixels turned into those of their centres: less what area and lens should have made of them."""
-    rim = box.kind == RIM
+    rim, lens = box.kind == RIM, lens_blur(known)
+    if lens > 0.0:
+        size = 2 * int(np.ceil(3.0 * lens)) + 1
+        rim = (box.kind > 0) & (cv2.dilate((box.kind == EDGE).astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
     whole = expected_image(surface, camera, view, known, box, rim)
     made = whole[of.row + box.y0, of.column + box.x0] - expected_levels(known, of)
     return replace(of, level=of.level - np.where(rim[of.row, of.column], made, 0.0))

@@ -12,7 +12,7 @@ camera in the middle. Where no grey level was read it is pulled towards a smooth
 ends somewhere) is pulled towards one.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -136,6 +136,13 @@ def plain_appearance(plain: Appearance, vertices: int) -> SurfaceAppearance:
         gloss=None,
         kept=Readings(*(np.zeros((0, *width), kind) for width, kind in _NO_READINGS)),
     )
+
+
+def forgotten(appearance: SurfaceAppearance) -> SurfaceAppearance:
+    """The same with nothing remembered of table and albedo: where they were learnt as if the image were sharp."""
+    vertices = appearance.albedo.size
+    fresh = plain_appearance(appearance.plain, vertices)
+    return replace(fresh, light=appearance.light, table=appearance.table, gloss=appearance.gloss)
 
 
 def mapped(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -24,10 +24,11 @@ from ..settings import Settings
 from ..shape_error import ShapeError, first_shape_error, learn_shape_error
 from ..track import LOST, TRACKED, UNCERTAIN, Track
 from .align import align
+from .image import lens_blur
 from .learning import learn_lens, learn_surface
 from .look import SurfaceLook, surface_look
 from .residuals import surface_rows, surface_shape_jacobian
-from .shading import SurfaceAppearance
+from .shading import SurfaceAppearance, forgotten
 from .skin import Surface
 
 Image = Float[np.ndarray, "h w"]
@@ -164,7 +165,9 @@ def step(
     found = measure(images, surface, on, appearance, state, prior, prior.mean, passes, settings)
     if state.appearance is None:  # the first was learnt at a pose that is only supposed, as if the image were sharp
         sharp = _learnt(images, surface, on, found.u, (None,) * len(on))
-        appearance = _learnt(images, surface, on, found.u, _through_lens(images, surface, on, found.u, sharp))
+        through = _through_lens(images, surface, on, found.u, sharp)
+        again = [its if lens_blur(its) == 0.0 else forgotten(its) for its in through]
+        appearance = _learnt(images, surface, on, found.u, again)
         found = measure(images, surface, on, appearance, state, prior, found.u, passes, settings)
     if _share(found) < _LOST_BELOW:  # what was found is not the hand
         found = _unseen(found.seen, prior, min(2.0 * found.widen, _WIDEST))
