@@ -228,8 +228,8 @@ def sample_rows(
 
     `row` (n, FEW, 6) follows the order of `pill`; `by_patch` (n, 2) is by the relative error of the patch's grey level
     and by its outward shift in model units; `normal` (n, 3) is that of the patch's pill. A sample
-    whose patch is UNKNOWN gets the one that dominates it. Twin:
-    `soft_image.soft_image_numpy` and its differences.
+    whose patch is UNKNOWN gets the one that dominates it.
+    Twin: `soft_image.soft_image_numpy` and its differences.
     """
     links = pills[0].shape[0]
     scratch = soft_scratch(links)

@@ -22,7 +22,7 @@ from .image import EDGE, INSIDE, Box, box_of, lens_blur
 from .outline import Motion, outline_pieces, vertex_motion
 from .shading import LOW, SPACING, SurfaceAppearance
 from .skin import Surface
-from .view import moving_box, moving_triangles, view_of
+from .view import View, moving_box, moving_triangles, view_of
 
 LIGHTS = 5  # ways in which the light may be off
 _BLACK, _WHITE = 0.5, 254.5  # grey levels that a sensor may have cut
@@ -104,7 +104,22 @@ def dense_rows(
     height, width = box.triangle.shape
     part = np.ascontiguousarray(image[box.y0 : box.y0 + height, box.x0 : box.x0 + width], dtype=float)
     chosen = chosen_pixels(surface, box, part, stride)
-    row, column = np.nonzero(box.kind > 0 if lens > 0.0 else chosen)
+    sharp = _sharp_rows(part, surface, camera, view, box, box.kind > 0 if lens > 0.0 else chosen, u, appearance)
+    return sharp if lens == 0.0 else _through_lens(sharp, box, part, chosen, appearance, lens)
+
+
+def _sharp_rows(
+    part: Float[np.ndarray, "h w"],
+    surface: Surface,
+    camera: Camera,
+    view: View,
+    box: Box,
+    chosen: Bool[np.ndarray, "h w"],
+    u: Float[np.ndarray, " k"],
+    appearance: SurfaceAppearance,
+) -> Dense:
+    """The rows of the chosen pixels of a box, without any blur."""
+    row, column = np.nonzero(chosen)
     kind, level = box.kind[row, column], part[row, column]
     n, m, plain = row.size, LIGHTS + surface.finger.size, appearance.plain
     r, J, B, region = np.empty(n), np.empty((n, u.size)), np.empty((n, m)), np.empty(n, dtype=np.int64)
@@ -152,8 +167,7 @@ def dense_rows(
         contrast,
     )
     patch = _patches(kind, region, row, column)
-    sharp = Dense(r, J, B, row + box.y0, column + box.x0, kind, region, contrast, patch)
-    return sharp if lens == 0.0 else _through_lens(sharp, box, part, chosen, appearance, lens)
+    return Dense(r, J, B, row + box.y0, column + box.x0, kind, region, contrast, patch)
 
 
 def _through_lens(
