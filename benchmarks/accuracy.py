@@ -4,7 +4,7 @@ For each scene and group of joints (a hand's thumb is told apart from its finger
 of the worst joint's RMSE, the mean NEES a degree of freedom, the share of errors within two sigmas, the share of frames
 tracked, the median computing time of a frame (several workers slow each other down), and the median over motions of
 the worst joint's RMSE as a ratio to its Cramer-Rao bound. `--wrong-radius` and `--wrong-length` give the tracker a
-model that is off by so many per cent.
+model that is off by so many per cent, `--calibrate` lets it find the shape from so many first frames.
 
 Linear algebra libraries read their thread counts when they are loaded, hence the environment before the imports.
 """
@@ -26,6 +26,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from handtrack.bound import bounds, spread_frames, usual_sigma
+from handtrack.calibrate import calibrate
 from handtrack.cli.console import note, say, say_json, table
 from handtrack.evaluate import evaluate, joint_error, nees, prismatic_joints
 from handtrack.kinematics import Model
@@ -55,6 +56,7 @@ class Job:
     views: int
     wrong_radius: float
     wrong_length: float
+    calibrate: int
     bound_frames: int
     settings: Settings
 
@@ -88,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.views,
             options.wrong_radius,
             options.wrong_length,
+            options.calibrate,
             options.bound_frames,
             settings,
         )
@@ -118,6 +121,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--set", default="{}", help='more settings as JSON, e.g. \'{"edges": "width"}\'')
     parser.add_argument("--wrong-radius", type=float, default=0.0, metavar="PERCENT")
     parser.add_argument("--wrong-length", type=float, default=0.0, metavar="PERCENT")
+    parser.add_argument("--calibrate", type=int, default=0, metavar="FRAMES", help="calibrate on so many frames first")
     parser.add_argument("--bound-frames", type=int, default=6, help="frames of a motion with a bound (6); 0 for none")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--json", action="store_true")
@@ -138,6 +142,9 @@ def run_one(job: Job) -> list[Outcome]:
     scene = with_views(SCENES[job.scene](job.seed, frames=job.frames), job.views)
     pictures = [tuple(np.asarray(image, dtype=np.float32) for image in views) for views in images_together(scene)]
     wrong = wrong_model(scene.model, job.wrong_radius / 100.0, job.wrong_length / 100.0)
+    if job.calibrate:
+        first = pictures[: job.calibrate]
+        wrong = calibrate(first, wrong, scene.cameras, scene.start, scene.fps, job.settings).model
     found = track(pictures, wrong, scene.cameras, scene.start, scene.fps, job.settings)
     truth = Truth(np.arange(job.frames), scene.truth)
     result = evaluate(found, truth, scene.model, scene.camera)

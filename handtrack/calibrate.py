@@ -96,7 +96,8 @@ def calibrate(
     ValueError
         If no image shows the model.
     """
-    settings = replace(settings or Settings(), residuals="outline", edges="wssd", refine=False)
+    # With a wrong shape the other side of a fold may look the better one: a track that changes sides fits no shape.
+    settings = replace(settings or Settings(), residuals="outline", edges="wssd", refine=False, hypotheses=False)
     widest = _prior(model)
     prior, sights = widest, []
     shape = np.zeros((model.link_frame.size, PARAMETERS))

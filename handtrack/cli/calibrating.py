@@ -77,8 +77,8 @@ def with_calibrated_model(sequence: Sequence, most: int, done: Callable[[int], N
     """The sequence with its model calibrated on the first frames, and a line that says so."""
     found = calibrated_model(sequence, most, done, None, start_sigma)
     said = (
-        f"the model's shape was calibrated on {found.frames.size} frames: edges {found.residual_before:.2f} px from the "
-        f"outline before, {found.residual_after:.2f} px after; model.yaml of this run holds it"
+        f"the model's shape was calibrated on {found.frames.size} frames: edges {found.residual_before:.2f} px from "
+        f"the outline before, {found.residual_after:.2f} px after; model.yaml of this run holds it"
     )
     return replace(sequence, model=found.model, warnings=(*sequence.warnings, said))
 

@@ -67,8 +67,8 @@ class LinkFile(Strict):
     ]
     base_offset: _Triple | None = None
     tip_offset: _Triple | None = None
-    buried: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     sigmas: SigmasFile | None = None
+    buried: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
 _Variable = Annotated[

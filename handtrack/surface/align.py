@@ -39,7 +39,7 @@ _SHRINK = 0.1  # of the covariance, with each step
 _MOST_SPREAD = 4.0
 _LEAST_S, _CUT = 0.8, 4.0
 _CAUCHY = 1.15  # what the scatter of residuals with Cauchy's weights falls short of what it does to a pose
-_DISPLACED = 0.012  # pixels by which a link may be displaced without any trace
+_DISPLACED = 0.01  # pixels by which a link may be displaced without any trace
 _MOST_CONFLICT = 20.0
 _LIKELY = 10.0  # times the scatter of grey levels: a pixel that is farther off shows something else
 
