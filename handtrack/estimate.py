@@ -164,8 +164,8 @@ def estimate(
     seen, evidence, white, found, covariance = done
     unmodelled = known.unmodelled or (Unmodelled(),) * len(known.on)
     if known.settings.refine and known.settings.residuals == "outline":
-        before, tau = (prior.mean, prior.information), scatter.tau
-        refined = refine(images, known.on, evidence, white, known.appearance, unmodelled, found.u, *before, tau)
+        before = prior.mean, prior.information
+        refined = refine(images, known.on, evidence, white, known.appearance, unmodelled, found.u, *before, scatter)
         found, unmodelled = refined.fit, refined.unmodelled
         covariance = np.linalg.inv(found.information + prior.information)
     u = found.u

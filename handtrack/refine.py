@@ -21,12 +21,12 @@ from .appearance import Appearance
 from .fit import Fit
 from .residuals import Chain, Rows
 from .robust import cauchy_weight, median
-from .scatter import Whitened, Whitener
+from .scatter import Scatter, Whitened, Whitener, first_scatter
 from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, samples_of
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
 _EDGES = 0.25
-_PLAIN_OFFSET = 0.3  # pixels that edges of a right model may be off together, while that is still being learnt
+_RIGHT_TAU, _RIGHT_S = 0.3, 1.5  # scatter of edges that a right model may show, while it is still being learnt
 _STILL = 1e-3  # radians: a step within which the rows need not be rendered again
 
 
@@ -48,7 +48,7 @@ def refine(
     u: Float[np.ndarray, " k"],
     mean: Float[np.ndarray, " k"],
     prior: Float[np.ndarray, "k k"],
-    offset: float = 0.0,
+    scatter: Scatter,
 ) -> Refined:
     """Align edges, pixels and prediction in one solve.
 
@@ -62,9 +62,8 @@ def refine(
         Pose from the edges alone, within a pixel or so.
     mean, prior : (k,), (k, k)
         Prediction and its information.
-    offset : float
-        Standard deviation of what the edges of a side of a link are off together, pixels: where no pills fit the hand,
-        outlines cannot be trusted farther than that.
+    scatter : Scatter
+        How far edges have scattered about the outline so far.
 
     Returns
     -------
@@ -72,8 +71,8 @@ def refine(
         The fit's residuals and Jacobian are those of the edges, its information that of edges and pixels.
     """
     whitened, limits = Whitened(edges.residual, white), on[0].model.limits[on[0].model.free]
-    wrong = np.sqrt(max(offset**2 - _PLAIN_OFFSET**2, 0.0))
-    trust = 1.0 / (1.0 + (wrong / _PLAIN_OFFSET) ** 2)
+    trust = trusted(scatter)
+    wrong = scatter.tau if trust < 1.0 else 0.0
     edge_share = 1.0 - (1.0 - _EDGES) * trust  # edges count in full where pixels do not
     doubted = [replace(rest, shift=float(np.hypot(rest.shift, wrong))) for rest in unmodelled]
     views = list(zip(images, on, appearance, doubted, strict=True))
@@ -107,6 +106,20 @@ def refine(
         for its, rest, each, b in zip(appearance, unmodelled, found, shift, strict=True)
     )
     return Refined(Fit(u, r, J, weight * spread**2, spread, information), learnt)
+
+
+def trusted(scatter: Scatter) -> float:
+    """Share of the pixels' information to believe: all of it for pills, next to none where edges say it is no pill.
+
+    Edges of rendered pills scatter little more than they claim. On a hand that no pills fit they scatter three times
+    as much; its surface then faces other ways than that of the pills, so that shading misleads.
+
+    >>> right = first_scatter()
+    >>> trusted(right), round(trusted(replace(right, s=3.0)), 4)
+    (1.0, 0.0039)
+    """
+    misfit = max(scatter.tau / _RIGHT_TAU, scatter.s / _RIGHT_S)
+    return min(1.0, misfit**-8.0)
 
 
 def _edge_weight(r: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
