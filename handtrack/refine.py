@@ -21,7 +21,7 @@ from .appearance import Appearance
 from .fit import Fit
 from .residuals import Chain, Rows
 from .robust import cauchy_weight, median
-from .scatter import Scatter, Whitened, Whitener, first_scatter
+from .scatter import Scatter, Whitened, Whitener
 from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, samples_of
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
@@ -114,6 +114,7 @@ def trusted(scatter: Scatter) -> float:
     Edges of rendered pills scatter little more than they claim. On a hand that no pills fit they scatter three times
     as much; its surface then faces other ways than that of the pills, so that shading misleads.
 
+    >>> from .scatter import first_scatter
     >>> right = first_scatter()
     >>> trusted(right), round(trusted(replace(right, s=3.0)), 4)
     (1.0, 0.0039)
