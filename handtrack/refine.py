@@ -19,10 +19,12 @@ from jaxtyping import Float
 
 from .appearance import Appearance
 from .fit import Fit
+from .kinematics import forward, pose_from_free
 from .residuals import Chain, Rows
 from .robust import cauchy_weight, median
 from .scatter import Scatter, Whitened, Whitener
-from .synthesis import Differences, Unmodelled, differences, learn_unmodelled, samples_of
+from .synthesis import Differences, Unmodelled, differences, link_twists, samples_of
+from .unmodelled import learn_unmodelled
 
 _ANNEAL = (0.6, 0.2, 0.0)  # pixels by which outlines may still be off in each step
 _EDGES = 0.25
@@ -77,12 +79,14 @@ def refine(
     doubted = [replace(rest, shift=float(np.hypot(rest.shift, wrong))) for rest in unmodelled]
     views = list(zip(images, on, appearance, doubted, strict=True))
     chosen = [samples_of(image, view, its, u, rest.table) for image, view, its, rest in views]
+    frames = forward(on[0].model, pose_from_free(on[0].model, u))
+    twists = [link_twists(view, frames) @ view.model.coupling for view in on]
     shift = [np.zeros((12 * view.model.link_frame.size, 2)) for view in on]
     found: list[Differences] = []
     for number, loose in enumerate(_ANNEAL):
         found = [
-            differences(samples, view, its, rest, u, b, loose, seen if number == 0 else None)
-            for (samples, seen), (_, view, its, rest), b in zip(chosen, views, shift, strict=True)
+            differences(samples, view, its, rest, u, b, loose, seen if number == 0 else None, G)
+            for (samples, seen), (_, view, its, rest), b, G in zip(chosen, views, shift, twists, strict=True)
         ]
         g, A = prior @ (mean - u), prior.copy()
         r, J = whitened(u)

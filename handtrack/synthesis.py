@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from . import _kernels
-from ._kernels.soft_pill import CELLS
 from ._kernels.soft_rows import PATCHES, UNKNOWN
 from .appearance import Appearance
 from .camera import Camera, pixels_per_unit, project_camera
@@ -30,15 +29,9 @@ _MOST, _WANTED = 8000, 300.0  # samples that are kept at the most; wanted on out
 _FEWEST, _PLENTY = 600.0, 1800.0
 _BAND = 2.4  # pixels: width of the band along an outline where pixels show both sides
 _CUT = 3.0  # residual at which a sample counts half
-_MEMORY = 0.8
 _FIRST = (0.03, 0.02, 0.5)  # errors of a patch: grey level (relative), shift (pixels); of a sample: grey levels
-_LEAST = (0.003, 0.002, 0.1)
-_MEMORY_TABLE, _HOLD = 0.9, 1.0
-_COMMON = 1.0  # variance common to the patches of a link, in units of that of each
-_CAUTION = (
-    3.0  # errors that patches share say nothing in one frame: measured on rendered hands, variances are this larger
-)
-_WHOLE = 0.98  # share of a sample that a surface must fill to tell of its grey level
+COMMON = 1.0  # variance common to the patches of a link, in units of that of each
+_CAUTION = 3.0  # factor on variances, measured on rendered hands: errors that all patches share say nothing in a frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +76,10 @@ class Unmodelled:
         Of the relative error of a patch's grey level, and of its outward shift in pixels.
     grain : float
         Of a sample's grey level within its patch.
+    table : (25, 25), optional
+        Grey levels on top of the shading, over the x and y of the normal from -1 to 1, rows along y.
+    sums : (2, 25, 25), optional
+        Weights of its nodes so far, and weighted errors.
     """
 
     level: float = _FIRST[0]
@@ -140,7 +137,9 @@ def link_twists(on: Chain, frames: Float[np.ndarray, "f 4 4"]) -> Float[np.ndarr
 
 @lru_cache(maxsize=8)
 def _grid(camera: Camera) -> Float[np.ndarray, "h w 2"]:
+    """Normalised coordinates of the pixels, of as few as tell all of them: `place_at` goes on from the nearest."""
     grid = ray_grid(camera)
+    grid = grid if camera.distortion.any() else np.ascontiguousarray(grid[:2, :2])
     grid.flags.writeable = False
     return grid
 
@@ -197,7 +196,7 @@ def choose(
 
 def outlined_numpy(pills: Pills, camera: Camera, reach: float) -> Bool[np.ndarray, "h w"]:
     """Pixels within `reach` pixels of the outline of any pill, hidden or not: twin of how the kernel finds them."""
-    grid, pinhole = _grid(camera), camera.kind == "perspective"
+    grid, pinhole = ray_grid(camera), camera.kind == "perspective"
     place, slope = grid.reshape(-1, 2), [g.reshape(-1, 2) for g in np.gradient(grid, axis=(1, 0))]
     nothing, one = np.zeros((place.shape[0], 1)), np.ones((place.shape[0], 1))
     along = np.hstack([place, one]) if pinhole else np.hstack([np.zeros_like(place), one])
@@ -253,6 +252,7 @@ def differences(
     error: Float[np.ndarray, "p 2"],
     loose: float,
     seen: Rendered | None = None,
+    twists: Float[np.ndarray, "m k"] | None = None,
 ) -> Differences:
     """Compare the samples with the pose u and the errors of the patches.
 
@@ -264,6 +264,8 @@ def differences(
         Pixels by which outlines may still be off, without counting as outliers.
     seen : Rendered, optional
         The samples at this pose, where they have been rendered already.
+    twists : (6l, k), optional
+        Derivative of the links' twists by the free joints, from a pose nearby.
     """
     model = on.model
     frames = forward(model, pose_from_free(model, u))
@@ -282,7 +284,7 @@ def differences(
         samples.pill, samples.patch, weight, r, seen.row, seen.by_patch, H, g, across, within, own
     )
     H = np.triu(H) + np.triu(H, 1).T
-    G = link_twists(on, frames) @ model.coupling
+    G = link_twists(on, frames) @ model.coupling if twists is None else twists
     inverse, held = _eliminated(within, _held(unmodelled, unit))
     own = own - (held @ error.reshape(links, -1, 1)).reshape(own.shape)
     to_pose = (across @ G).reshape(links, -1, u.size)
@@ -317,7 +319,7 @@ def _held(unmodelled: Unmodelled, unit: float) -> Float[np.ndarray, "m m"]:
     """Information on the errors of a link's patches: part of their variance is common to the link."""
     out = np.zeros((PATCHES, 2, PATCHES, 2))
     for a, size in enumerate((unmodelled.level, unmodelled.shift / unit)):
-        out[:, a, :, a] = (np.eye(PATCHES) - _COMMON / (1.0 + PATCHES * _COMMON)) / size**2
+        out[:, a, :, a] = (np.eye(PATCHES) - COMMON / (1.0 + PATCHES * COMMON)) / size**2
     return out.reshape(2 * PATCHES, 2 * PATCHES)
 
 
@@ -333,64 +335,3 @@ def _eliminated(
     M[:, each, 0, each, 1] += part[..., 1]
     M[:, each, 1, each, 0] += part[..., 1]
     return np.linalg.inv(M.reshape(links, 2 * PATCHES, 2 * PATCHES)), held
-
-
-def learn_unmodelled(
-    known: Unmodelled, found: Differences, error: Float[np.ndarray, "p 2"], gain: Float[np.ndarray, " l"]
-) -> Unmodelled:
-    """Sizes of the unmodelled errors with one more frame: one step of expectation and maximisation."""
-    inside = found.samples.place[:, 2] > 1.0
-    if inside.sum() < 20:
-        return known
-    grain = 1.4826 * median(np.abs(found.r[inside]))
-    sizes = np.array([known.level, known.shift / found.unit])
-    variance = np.diagonal(found.inverse, axis1=1, axis2=2).reshape(-1, 2)
-    told = 1.0 - variance / sizes**2 / (1.0 + _COMMON)  # share of what is now known of a patch that the image has told
-    square = (np.minimum(error**2, (4.0 * sizes) ** 2) + variance) / (1.0 + _COMMON)
-    weight = np.maximum(told, 0.0)
-    now = (weight * square).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
-    now = np.where(weight.sum(axis=0) > 4.0, now, sizes**2) * [1.0, found.unit**2]
-    old = np.array([known.level, known.shift]) ** 2
-    level, shift = np.maximum(np.sqrt(_MEMORY * old + (1.0 - _MEMORY) * now), _LEAST[:2])
-    sums = _learn_table(known, found, error, gain)
-    table = sums[1] / (sums[0] + _HOLD)
-    return Unmodelled(float(level), float(shift), _grain(known, grain), table, sums)
-
-
-def _learn_table(
-    known: Unmodelled, found: Differences, error: Float[np.ndarray, "p 2"], gain: Float[np.ndarray, " l"]
-) -> Float[np.ndarray, "2 t t"]:
-    """Weights and weighted errors of the shading at the nodes of a table over the normal, earlier frames fading."""
-    shown = found.seen.by_patch[:, 0] > _WHOLE * found.seen.level
-    inside = np.flatnonzero(shown & ((found.samples.place[:, 2] > 1.0) | (found.seen.by_patch[:, 1] == 0.0)))
-    patch, normal = found.samples.patch[inside], found.seen.normal[inside]
-    of_link = gain[patch // 12]
-    before = 0.0 if known.table is None else _read(known.table, normal)
-    off = (found.r[inside] + found.seen.by_patch[inside, 0] * error[patch, 0]) / of_link + before
-    weight = np.minimum(found.weight[inside] * of_link**2, 4.0)
-    at, share = _nodes(normal)
-    sums = np.zeros((2, (CELLS + 1) ** 2)) if known.sums is None else _MEMORY_TABLE * known.sums.reshape(2, -1)
-    sums[0] += np.bincount(at.ravel(), (share * weight).ravel(), sums.shape[1])
-    sums[1] += np.bincount(at.ravel(), (share * weight * off).ravel(), sums.shape[1])
-    return sums.reshape(2, CELLS + 1, CELLS + 1)
-
-
-def _nodes(normal: Float[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, "4 n"], Float[np.ndarray, "4 n"]]:
-    """The four nodes of the table around each normal, and their shares."""
-    place = 0.5 * CELLS * (normal[:, :2] + 1.0)
-    corner = np.clip(place.astype(np.int64), 0, CELLS - 1)
-    u, v = (place - corner).T
-    at = corner[:, 1] * (CELLS + 1) + corner[:, 0]
-    return (
-        np.stack([at, at + 1, at + CELLS + 1, at + CELLS + 2]),
-        np.stack([(1.0 - v) * (1.0 - u), (1.0 - v) * u, v * (1.0 - u), v * u]),
-    )
-
-
-def _read(table: Float[np.ndarray, "t t"], normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    at, share = _nodes(normal)
-    return (table.ravel()[at] * share).sum(axis=0)
-
-
-def _grain(known: Unmodelled, now: float) -> float:
-    return max(float(np.sqrt(_MEMORY * known.grain**2 + (1.0 - _MEMORY) * now**2)), _LEAST[2])

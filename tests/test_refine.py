@@ -15,11 +15,8 @@ from handtrack.soft_image import soft_image
 from handtrack.synthesis import (
     PATCHES,
     Unmodelled,
-    _nodes,
-    _read,
     choose,
     differences,
-    learn_unmodelled,
     link_twists,
     normal_equations_numpy,
     outlined_numpy,
@@ -27,6 +24,7 @@ from handtrack.synthesis import (
     samples_of,
 )
 from handtrack.tracker import track
+from handtrack.unmodelled import _nodes, learn_unmodelled, read_table
 from synth.scenes import image, images, two_finger_crossing
 
 SCENES = {
@@ -162,7 +160,9 @@ def test_a_table_over_the_normal_adds_to_the_level_and_its_slope():
     plain, more = (rendered(samples, posed(on, u), on.camera, appearance, t) for t in (None, table))
     whole = samples.place[:, 2] > 1.0
     gain = appearance.gain[samples.patch // PATCHES]
-    np.testing.assert_allclose((more.level - plain.level)[whole], (gain * _read(table, more.normal))[whole], atol=1e-9)
+    np.testing.assert_allclose(
+        (more.level - plain.level)[whole], (gain * read_table(table, more.normal))[whole], atol=1e-9
+    )
     at, share = _nodes(more.normal)
     assert at.min() >= 0 and at.max() < 625
     np.testing.assert_allclose(share.sum(axis=0), 1.0)

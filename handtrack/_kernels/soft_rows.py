@@ -12,12 +12,12 @@ import numpy as np
 from numba import njit
 
 from .geometry import hit_pill
-from .soft_image import chosen_pills, place_at, square
+from .soft_image import place_at, square
 from .soft_pill import DEPTH, FACTS, LEVEL, NORMAL, ROOT, SLOPE, clear_pill
 
 ALONG, ACROSS = 4, 3  # patches of a link: three thirds and what lies beyond the tip, times left, middle, right
 PATCHES = ALONG * ACROSS
-LARGE, SMALL = 16, 4  # pixels along the side of the largest and of the smallest block
+LARGE, LEAST, SMALL = 16, 8, 4  # pixels along the side of the largest and least block, and of what is kept of one
 FEW = 4  # pills that one sample can hold
 NOTHING, OUTLINE, CREASE = 0, 1, 2
 UNKNOWN = -1  # the patch of a sample that no pill has shown in yet
@@ -114,14 +114,29 @@ def passing(at, world, chosen, count, reach, scratch):  # pragma: no cover - com
 
 
 @njit(cache=True)
+def pills_in_block(grid, x, y, boxes, pad, chosen, low, high):  # pragma: no cover - compiled
+    """Numbers of the pills whose box, `pad` pixels wider, meets a LARGE block; how many."""
+    place_at(grid, x, y, low)
+    place_at(grid, x + LARGE - 1, y + LARGE - 1, high)
+    slack_x, slack_y, count = pad * abs(low[2]), pad * abs(low[5]), 0
+    for k in range(boxes.shape[0]):
+        across = high[0] + slack_x >= boxes[k, 0] and low[0] - slack_x <= boxes[k, 1]
+        if across and high[1] + slack_y >= boxes[k, 2] and low[1] - slack_y <= boxes[k, 3]:
+            chosen[count] = k
+            count += 1
+    return count
+
+
+@njit(cache=True)
 def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pill):  # pragma: no cover - compiled
     """One small block of every large one inside surfaces, and one in `thin` of the pixels on outlines and creases.
 
-    Large blocks, LARGE pixels a side, are quartered until they are SMALL. Single pixels lie on the lattice
+    Large blocks, LARGE pixels a side, are quartered until they are LEAST; SMALL is what is kept
+    of one without an outline. Single pixels lie on the lattice
     `(x + 3 y) mod thin = 0`. Returns the number of samples. Twin: `synthesis.outlined_numpy`,
     for pixels on outlines.
     """
-    height, width, links = grid.shape[0], grid.shape[1], boxes.shape[0]
+    height, width, links = image.shape[0], image.shape[1], boxes.shape[0]
     at, scratch = np.zeros(6), soft_scratch(links)
     near, n, left = ROOT + 4.0 * s + 0.5, 0, np.zeros((16, 4), np.int64)
     each = np.zeros((16, links), np.int64)  # the pills that may show in each block that waits
@@ -129,7 +144,7 @@ def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pi
     for y0 in range(0, height - LARGE + 1, LARGE):
         for x0 in range(0, width - LARGE + 1, LARGE):
             left[0, 0], left[0, 1], left[0, 2], waiting = x0, y0, LARGE, 1
-            left[0, 3] = chosen_pills(grid, x0, y0, LARGE, boxes, near + 1.0, each[0])
+            left[0, 3] = pills_in_block(grid, x0, y0, boxes, near + 1.0, each[0], at, scratch[9])
             while waiting > 0:
                 waiting -= 1
                 u, v, size, count = left[waiting, 0], left[waiting, 1], left[waiting, 2], left[waiting, 3]
@@ -140,10 +155,10 @@ def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pi
                 what, count = passing(at, world, chosen, count, near + 0.75 * (size - 1), scratch)
                 if what == NOTHING:
                     turn = u // SMALL + v // SMALL  # a small part of it: all of it would be bent by the shading
-                    if count > 0 and (size > SMALL or turn % 4 == 0):
+                    if count > 0:
                         x, y = u + SMALL * (turn % (size // SMALL)), v + SMALL * (turn // 2 % (size // SMALL))
                         n = put_sample(image, x, y, SMALL, chosen, count, out, n)
-                elif size > SMALL:
+                elif size > LEAST:
                     for i in range(3, -1, -1):
                         left[waiting + i, 0], left[waiting + i, 1] = u + size // 2 * (i % 2), v + size // 2 * (i // 2)
                         left[waiting + i, 2], left[waiting + i, 3] = size // 2, count
@@ -158,10 +173,10 @@ def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pi
 def put_pixels(
     image, grid, u, v, world, chosen, count, what, near, thin, scratch, out, n
 ):  # pragma: no cover - compiled
-    """Write the pixels of a small block that lie on the lattice: on outlines and creases all, beside them a third."""
+    """Write the pixels of a block that lie on the lattice: on outlines and creases all, beside them a third."""
     at = scratch[6]
-    for y in range(v, v + SMALL):
-        for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + SMALL, thin):
+    for y in range(v, v + LEAST):
+        for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + LEAST, thin):
             place_at(grid, x, y, at)
             fine = scratch[8]
             fine[:count] = chosen[:count]
@@ -217,6 +232,7 @@ def soft_scratch(links):  # pragma: no cover - compiled
         np.zeros(6),
         np.zeros(links, np.int64),
         np.zeros(links, np.int64),
+        np.zeros(6),
     )
 
 
