@@ -25,8 +25,8 @@ from .residuals import Chain
 from .robust import median
 from .soft_image import lens_blur, pill_boxes, ray_grid
 
-_MOST, _WANTED = 8000, 300.0  # samples that are kept at the most; wanted on outlines, for each grey level of noise
-_FEWEST, _PLENTY = 600.0, 1800.0
+_MOST, _WANTED = 6000, 225.0  # samples that are kept at the most; wanted on outlines, for each grey level of noise
+_FEWEST, _PLENTY = 450.0, 1800.0
 _BAND = 2.4  # pixels: width of the band along an outline where pixels show both sides
 _CUT = 3.0  # residual at which a sample counts half
 _FIRST = (0.03, 0.02, 0.5)  # errors of a patch: grey level (relative), shift (pixels); of a sample: grey levels

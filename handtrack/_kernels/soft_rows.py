@@ -173,7 +173,7 @@ def choose_samples(image, grid, pinhole, pills, boxes, s, thin, place, level, pi
 def put_pixels(
     image, grid, u, v, world, chosen, count, what, near, thin, scratch, out, n
 ):  # pragma: no cover - compiled
-    """Write the pixels of a block that lie on the lattice: on outlines and creases all, beside them a third."""
+    """Write the pixels of a block that lie on the lattice: on outlines and creases all, beside them a quarter."""
     at = scratch[6]
     for y in range(v, v + LEAST):
         for x in range(u + (thin - (u + 3 * y) % thin) % thin, u + LEAST, thin):
@@ -185,7 +185,7 @@ def put_pixels(
                 found, _ = passing(at, world, fine, count, near, scratch)
             elif not outline_near(at, world[0], world[1], fine, count, near, scratch[5][0], scratch[7])[2]:
                 found = NOTHING
-            take = found != NOTHING or (x + 3 * y) // thin % 3 == 0
+            take = found != NOTHING or (x + 3 * y) // thin % 4 == 0
             if take:
                 n = put_sample(image, x, y, 1, chosen, count, out, n)
     return n
