@@ -9,7 +9,9 @@ from handtrack import _kernels
 from handtrack.appearance import learn
 from handtrack.kinematics import forward
 from handtrack.measure import posed
+from handtrack.refine import trusted
 from handtrack.residuals import chain
+from handtrack.scatter import first_scatter
 from handtrack.settings import Settings
 from handtrack.soft_image import soft_image
 from handtrack.synthesis import (
@@ -25,7 +27,9 @@ from handtrack.synthesis import (
 )
 from handtrack.tracker import track
 from handtrack.unmodelled import _nodes, learn_unmodelled, read_table
+from synth.scene import images_together
 from synth.scenes import image, images, two_finger_crossing
+from synth.views import with_views
 
 SCENES = {
     kind: two_finger_crossing(3, frames=12, projection=kind, size=(320, 240), scale=1.6)
@@ -214,3 +218,21 @@ def test_refinement_is_nearer_to_the_truth_and_surer(kind):
         errors.append(np.sqrt(np.mean((found.q - scene.truth) ** 2)))
         sigmas.append(np.median(found.sigma))
     assert errors[1] < 0.6 * errors[0] and sigmas[1] < 0.8 * sigmas[0]
+
+
+def test_two_views_are_refined_in_one_solve():
+    scene = with_views(two_finger_crossing(5, frames=6, size=(320, 240), scale=1.6), 2)
+    pictures = list(images_together(scene))
+    errors = []
+    for refine in (False, True):
+        found = track(pictures, scene.model, scene.cameras, scene.start, settings=Settings(refine=refine))
+        errors.append(np.sqrt(np.mean((found.q - scene.truth) ** 2)))
+        assert np.mean(np.abs(found.q - scene.truth) < 2.0 * found.sigma) > 0.85
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_pixels_are_believed_only_where_edges_say_that_pills_fit():
+    right = first_scatter()
+    shares = [trusted(replace(right, s=s)) for s in (0.8, 1.2, 2.0, 3.0, 10.0)]
+    assert shares[:2] == [1.0, 1.0] and np.all(np.diff(shares[1:]) < 0.0) and shares[-1] < 1e-6
+    assert trusted(replace(right, tau=1.0)) < 1e-3
