@@ -47,6 +47,17 @@ def pixel_grid(camera: Camera) -> Float[np.ndarray, "hp wp 2"]:
     return grid
 
 
+@lru_cache(maxsize=8)
+def border_bounds(camera: Camera) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """Least and greatest normalised coordinates (undistorted) of the image and one pixel around it."""
+    u, v = np.arange(-1.0, camera.width + 1), np.arange(-1.0, camera.height + 1)
+    ends = [np.column_stack([u, np.full(u.size, y)]) for y in (v[0], v[-1])]
+    ends += [np.column_stack([np.full(v.size, x), v]) for x in (u[0], u[-1])]
+    origin, direction = rays(camera, np.concatenate(ends))
+    flat = origin[:, :2] if camera.kind == "orthographic" else direction[:, :2]
+    return flat.min(axis=0), flat.max(axis=0)
+
+
 def pill_boxes(pills: Pills, camera: Camera) -> Int[np.ndarray, "l 4"]:
     """Pixel boxes (x0, x1, y0, y1), half open and clipped to the image, that hold each pill's silhouette.
 
@@ -77,9 +88,7 @@ def _pixel_bounds(
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     if not camera.distortion.any():
         return low * focal + centre, high * focal + centre
-    edge = pixel_grid(camera)[[0, -1]].reshape(-1, 2), pixel_grid(camera)[:, [0, -1]].reshape(-1, 2)
-    view = np.concatenate(edge)  # the outermost rays of the image; far beyond them the distortion may fold
-    low, high = np.clip([low, high], view.min(axis=0), view.max(axis=0))
+    low, high = np.clip([low, high], *border_bounds(camera))  # far beyond the image the distortion may fold
     s = np.linspace(0.0, 1.0, 17)
     border = np.concatenate(
         [np.column_stack([a, b]) for a, b in ((s, 0 * s), (s, 0 * s + 1), (0 * s, s), (0 * s + 1, s))]

@@ -1,6 +1,10 @@
 """The compiled loops of the renderers; each has a plain NumPy twin, or an independent oracle, that a test compares."""
 
 from .mesh import render_samples as render_samples
+from .paint import CELLS as CELLS
+from .paint import add_colour as add_colour
+from .paint import colour as colour
+from .paint import normals_at as normals_at
 from .pills import BINARY as BINARY
 from .pills import FLAT as FLAT
 from .pills import GAUSS as GAUSS
@@ -26,3 +30,14 @@ from .pills import power as power
 from .pills import scatter as scatter
 from .pills import shade_pixels as shade_pixels
 from .pills import surface_light as surface_light
+from .places import places as places
+from .rays import flow as flow
+from .rays import triangle_boxes as triangle_boxes
+from .rays import window_grid as window_grid
+from .sensor import sensed as sensed
+from .solids import find_edges as find_edges
+from .solids import first_surfaces as first_surfaces
+from .solids import measure as measure
+from .solids import parts_seen as parts_seen
+from .solids import scan as scan
+from .solids import scan_samples as scan_samples
