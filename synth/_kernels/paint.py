@@ -2,7 +2,7 @@
 
 Their plain twins are in `synth.labels.plain`. All work row by row: the hits of a row are gathered, placed and lit in
 loops of their own, which compilers like better than one long one. `paint` (p, 10) holds each part's colour, second
-colour, texture, 1 / grain, specular share in grey levels and shininess (whole); `lights` (k, 6) directions and
+colour, texture, 1 / grain, specular share in grey levels and shininess; `lights` (k, 6) directions and
 strengths.
 """
 
@@ -55,43 +55,45 @@ def mix_colours(count, surface, part_of, paint, lattice, placed, out):  # pragma
 
 @njit(cache=True, error_model="numpy")
 def light_up(
-    count, x, y, surface, pinhole, part_of, paint, lights, ambient, placed, lit, gloss, out
+    count, x, y, surface, pinhole, part_of, paint, lights, ambient, placed, work, out
 ):  # pragma: no cover - compiled
-    """Colours of hits under all lights: `out` comes with the unlit ones. `lit` and `gloss` (3, n) are room to work."""
-    lit[:, :count] = ambient
-    gloss[:, :count] = 0.0
+    """Colours of hits under all lights: `out` comes with the unlit ones. `work` (12, n) is room for numbers.
+
+    Highlights follow Schlick's rational form of Phong's power, t / (n - n t + t) (Computer Graphics Forum 13(3), 1994).
+    """
+    shine = 0.0
+    for i in range(count):
+        part = part_of[surface[i]]
+        work[0, i], work[1, i] = paint[part, 8], paint[part, 9]
+        shine = max(shine, paint[part, 8])
+        size = 1.0 / math.sqrt(x[i] * x[i] + y[i] * y[i] + 1.0) if pinhole else 1.0
+        work[2, i], work[3, i], work[4, i] = (-x[i] * size, -y[i] * size, -size) if pinhole else (0.0, 0.0, -1.0)
+        work[5, i] = placed[0, i] * work[2, i] + placed[1, i] * work[3, i] + placed[2, i] * work[4, i]
+        for c in range(3):
+            work[6 + c, i], work[9 + c, i] = ambient, 0.0
     for k in range(lights.shape[0]):
         lx, ly, lz = lights[k, 0], lights[k, 1], lights[k, 2]
         red, green, blue = lights[k, 3], lights[k, 4], lights[k, 5]
         for i in range(count):
-            n0, n1, n2 = placed[0, i], placed[1, i], placed[2, i]
-            facing = n0 * lx + n1 * ly + n2 * lz
+            facing = placed[0, i] * lx + placed[1, i] * ly + placed[2, i] * lz
             facing = facing if facing > 0.0 else 0.0
-            lit[0, i] += red * facing
-            lit[1, i] += green * facing
-            lit[2, i] += blue * facing
-            part = part_of[surface[i]]
-            strength = paint[part, 8]
-            if strength == 0.0 or facing == 0.0:
-                continue
-            vx, vy, vz = 0.0, 0.0, -1.0
-            if pinhole:
-                size = -1.0 / math.sqrt(x[i] * x[i] + y[i] * y[i] + 1.0)
-                vx, vy, vz = x[i] * size, y[i] * size, size
-            mirrored = 2.0 * facing * (n0 * vx + n1 * vy + n2 * vz) - (lx * vx + ly * vy + lz * vz)
-            exponent = int(paint[part, 9])
-            if mirrored > 0.0:
-                while exponent:
-                    if exponent & 1:
-                        strength *= mirrored
-                    mirrored *= mirrored
-                    exponent >>= 1
-                gloss[0, i] += red * strength
-                gloss[1, i] += green * strength
-                gloss[2, i] += blue * strength
+            work[6, i] += red * facing
+            work[7, i] += green * facing
+            work[8, i] += blue * facing
+        if shine == 0.0:
+            continue
+        for i in range(count):
+            facing = placed[0, i] * lx + placed[1, i] * ly + placed[2, i] * lz
+            t = 2.0 * facing * work[5, i] - (lx * work[2, i] + ly * work[3, i] + lz * work[4, i])
+            t = t if t > 0.0 else 0.0
+            t = t if facing > 0.0 else 0.0
+            gloss = work[0, i] * t / (work[1, i] - work[1, i] * t + t)
+            work[9, i] += red * gloss
+            work[10, i] += green * gloss
+            work[11, i] += blue * gloss
     for c in range(3):
         for i in range(count):
-            out[c, i] = out[c, i] * lit[c, i] + gloss[c, i]
+            out[c, i] = out[c, i] * work[6 + c, i] + work[9 + c, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -162,7 +164,7 @@ def colour(
     w = surface.shape[1]
     most = w + max(1, sample_depth.size)
     x, y, t, hit = np.empty(most), np.empty(most), np.empty(most), np.empty(most, np.int32)
-    placed, shade, lit, gloss = np.empty((6, most)), np.empty((3, most)), np.empty((3, most)), np.empty((3, most))
+    placed, shade, work = np.empty((6, most)), np.empty((3, most)), np.empty((12, most))
     for v in range(surface.shape[0]):
         n = 0
         for u in range(w):
@@ -180,7 +182,7 @@ def colour(
             placed,
         )  # fmt: skip
         mix_colours(count, hit, part_of, paint, lattice, placed, shade)
-        light_up(count, x, y, hit, pinhole, part_of, paint, lights, ambient, placed, lit, gloss, shade)
+        light_up(count, x, y, hit, pinhole, part_of, paint, lights, ambient, placed, work, shade)
         spread(n, v, part_of, surface, first, level, sample_surface, background, shade, out)
         n = 0
         for u in range(w):
@@ -197,7 +199,7 @@ def add_colour(
     """Add the colour at one place of every pixel with a weight: one moment of a blurred image."""
     w = surface.shape[1]
     x, y, t, hit = np.empty(w), np.empty(w), np.empty(w), np.empty(w, np.int32)
-    placed, shade, lit, gloss = np.empty((6, w)), np.empty((3, w)), np.empty((3, w)), np.empty((3, w))
+    placed, shade, work = np.empty((6, w)), np.empty((3, w)), np.empty((12, w))
     for v in range(surface.shape[0]):
         n = 0
         for u in range(w):
@@ -209,7 +211,7 @@ def add_colour(
             n, v, x, y, t, hit, pinhole, tables, pills, frames, vertices, normals, rest, triangles, knot, blend, placed
         )
         mix_colours(n, hit, part_of, paint, lattice, placed, shade)
-        light_up(n, x, y, hit, pinhole, part_of, paint, lights, ambient, placed, lit, gloss, shade)
+        light_up(n, x, y, hit, pinhole, part_of, paint, lights, ambient, placed, work, shade)
         n = 0
         for u in range(w):
             if surface[v, u] >= 0:

@@ -19,7 +19,7 @@ from numba import njit
 from .pills import TIE, pill_depth
 
 NEAR = 1e-6  # triangles' depths must exceed this in front of a pinhole
-ONE = np.uint64(1)
+ZERO, ONE = np.uint64(0), np.uint64(1)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -206,12 +206,12 @@ def mark_edges(part, bits, level):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def find_edges(part, bits, part_of, level_of, boxes, first, level, near):  # pragma: no cover - compiled
+def find_edges(part, bits, part_of, level_of, boxes, first, level, near, sure):  # pragma: no cover - compiled
     """Pixels in which a part begins or ends, numbered by their first sample; returns how many samples they need.
 
-    `level_of` gives each part's number of samples for an edge pixel; where it is negative, the part is so small that
-    all pixels of its boxes get as many. `first` is -1 elsewhere; `level` gets the numbers of samples, `near` the parts
-    that reach into a pixel or one of its eight neighbours.
+    `level_of` gives each part's number of samples for an edge pixel; where it is negative, the part is so small that all pixels of its boxes get as many. `first` is -1 elsewhere; `level` gets the
+    numbers of samples, `near` the parts that may reach into a pixel, as they do into it or a neighbour of its eight,
+    and `sure` those that fill all nine of these, hidden behind others.
     """
     h, w = part.shape
     mark_edges(part, bits, level)
@@ -226,11 +226,15 @@ def find_edges(part, bits, part_of, level_of, boxes, first, level, near):  # pra
         for u in range(w):
             if level[v, u] == 0:
                 continue
-            around = near[v, u]
+            around, always, seen = near[v, u], bits[v, u], ZERO
             for i in range(max(v - 1, 0), min(v + 2, h)):
                 for j in range(max(u - 1, 0), min(u + 2, w)):
                     around |= bits[i, j]
-            near[v, u] = around
+                    always &= bits[i, j]
+                    if part[i, j] >= 0:
+                        seen |= ONE << np.uint64(part[i, j])
+            always &= ~seen
+            near[v, u], sure[v, u] = around & ~always, always
             wanted, p = np.int64(level[v, u]), 0
             while around:
                 if around & ONE:
@@ -245,31 +249,41 @@ def find_edges(part, bits, part_of, level_of, boxes, first, level, near):  # pra
 
 @njit(cache=True, error_model="numpy")
 def scan_samples(
-    grid, pinhole, tables, pills, vertices, triangles, knot, blend, boxes, part_of, places, first, level, near, depth,
-    surface, bits,
+    grid, pinhole, tables, pills, vertices, triangles, knot, blend, boxes, part_of, places, first, level, near, sure,
+    depth, surface, bits,
 ):  # pragma: no cover - compiled  # fmt: skip
     """First surface and bits at the samples of all edge pixels; `places` (patterns, most, 2), see `pattern_of`."""
     count, step = tables
-    x, y, t = np.empty(places.shape[1]), np.empty(places.shape[1]), np.empty(places.shape[1])
+    x, y = np.empty(depth.size), np.empty(depth.size)
     for v in range(first.shape[0]):
         for u in range(first.shape[1]):
-            at, n = first[v, u], level[v, u]
-            if at < 0:
+            at = first[v, u]
+            if at >= 0:
+                pattern = pattern_of(level[v, u])
+                for i in range(level[v, u]):
+                    x[at + i], y[at + i] = ray_at(grid, v, u, places[pattern, i, 0], places[pattern, i, 1])
+                    bits[at + i] = sure[v, u]
+    width = first.shape[1] * places.shape[1]
+    near_x, near_y, t, index = np.empty(width), np.empty(width), np.empty(width), np.empty(width, np.int64)
+    for k in range(count):
+        bit = ONE << np.uint64(part_of[k])
+        for v in range(boxes[k, 2], boxes[k, 3]):
+            n = 0
+            for u in range(boxes[k, 0], boxes[k, 1]):
+                at = first[v, u]
+                if at >= 0 and near[v, u] & bit:
+                    for i in range(at, at + level[v, u]):
+                        near_x[n], near_y[n], index[n] = x[i], y[i], i
+                        n += 1
+            if n == 0:
                 continue
-            pattern = pattern_of(n)
-            for i in range(n):
-                x[i], y[i] = ray_at(grid, v, u, places[pattern, i, 0], places[pattern, i, 1])
-            for k in range(count):
-                bit = ONE << np.uint64(part_of[k])
-                if not (near[v, u] & bit) or u < boxes[k, 0] or u >= boxes[k, 1] or v < boxes[k, 2] or v >= boxes[k, 3]:
-                    continue
-                pill_depths(x, y, n, pinhole, pills, k + step * v, t)
-                for i in range(n):
-                    if t[i] < math.inf:
-                        bits[at + i] |= bit
-                        if t[i] < depth[at + i] - TIE:
-                            depth[at + i] = t[i]
-                            surface[at + i] = k
+            pill_depths(near_x, near_y, n, pinhole, pills, k + step * v, t)
+            for m in range(n):
+                if t[m] < math.inf:
+                    i = index[m]
+                    bits[i] |= bit
+                    if t[m] < depth[i] - TIE:
+                        depth[i], surface[i] = t[m], k
     for k in range(triangles.shape[0]):
         bit = ONE << np.uint64(part_of[count + k])
         sides = triangle_sides(vertices, triangles, 0, 0.0, pinhole, k)
@@ -281,15 +295,12 @@ def scan_samples(
                 at, n = first[v, u], level[v, u]
                 if at < 0 or not (near[v, u] & bit):
                     continue
-                pattern = pattern_of(n)
-                for i in range(n):
-                    px, py = ray_at(grid, v, u, places[pattern, i, 0], places[pattern, i, 1])
-                    depth_here = triangle_hit(px, py, pinhole, sides)[0]
+                for i in range(at, at + n):
+                    depth_here = triangle_hit(x[i], y[i], pinhole, sides)[0]
                     if depth_here < math.inf:
-                        bits[at + i] |= bit
-                        if depth_here < depth[at + i] - TIE:
-                            depth[at + i] = depth_here
-                            surface[at + i] = count + k
+                        bits[i] |= bit
+                        if depth_here < depth[i] - TIE:
+                            depth[i], surface[i] = depth_here, count + k
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -343,16 +354,20 @@ def measure(
                     here >>= ONE
                     p += 1
             for j in range(start, u if edge else start):
-                share = 1.0 / level[v, j]
-                for i in range(first[v, j], first[v, j] + level[v, j]):
-                    if sample_surface[i] >= 0:
-                        visible[part_of[sample_surface[i]]] += share
-                        left, p = sample_bits[i], 0
-                        while left:
-                            if left & ONE:
-                                amodal[p] += share
-                            left >>= ONE
-                            p += 1
+                share, i, end = 1.0 / level[v, j], first[v, j], first[v, j] + level[v, j]
+                while i < end:
+                    seen, left, run = sample_surface[i], sample_bits[i], i
+                    while i < end and sample_surface[i] == seen and sample_bits[i] == left:
+                        i += 1
+                    if seen < 0:
+                        continue
+                    visible[part_of[seen]] += share * (i - run)
+                    p = 0
+                    while left:
+                        if left & ONE:
+                            amodal[p] += share * (i - run)
+                        left >>= ONE
+                        p += 1
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -156,14 +156,11 @@ def geometry(
     x0, _, y0, y1 = span
     lens, straight = (camera.fx, camera.fy, camera.cx, camera.cy), not camera.distortion.any()
     knot, blend = (rows[y0:y1] for rows in row_instants(camera.height, len(solids)))
-    base, tip = np.stack([s.pills.base for s in solids]), np.stack([s.pills.tip for s in solids])
-    axes = np.stack([s.pill_axes for s in solids])
-    if len(solids) > 1:
-        base, tip, axes = (_between(values, knot, blend) for values in (base, tip, axes))
-    rows, count = base.shape[:2]
-    radius = np.broadcast_to(solids[0].pills.radius, (rows, count, 2)).reshape(-1, 2)
+    rows = y1 - y0 if len(solids) > 1 else 1
+    base, tip = (of_rows(np.stack([getattr(s.pills, end) for s in solids]), knot, blend) for end in ("base", "tip"))
+    radius = np.tile(solids[0].pills.radius, (rows, 1))
     table = pill_table(Pills(base.reshape(-1, 3), tip.reshape(-1, 3), radius))
-    frames = np.concatenate([base, axes.reshape(rows, count, 9)], axis=2).reshape(-1, 12)
+    count = solids[0].pills.base.shape[0]
     return Geometry(
         span,
         lens,
@@ -173,7 +170,7 @@ def geometry(
         window_grid(camera, span) if grid is None else grid,
         (count, count if rows > 1 else 0),
         table,
-        frames,
+        frames_of(solids, knot, blend),
         np.stack([s.vertices for s in solids]),
         np.stack([s.normals for s in solids]),
         solids[0].rest,
@@ -194,7 +191,19 @@ def window_grid(camera: Camera, span: Span) -> Float[np.ndarray, "2 hp wp"]:
     return grid
 
 
-def _between(values: Float[np.ndarray, "k l *s"], knot: Int[np.ndarray, " h"], blend: Float[np.ndarray, " h"]):
-    """Values of each row."""
-    share = blend.reshape(-1, *(1,) * (values.ndim - 1))
-    return values[knot] + share * (values[np.minimum(knot + 1, values.shape[0] - 1)] - values[knot])
+def frames_of(
+    solids: Sequence[Solids], knot: Int[np.ndarray, " h"], blend: Float[np.ndarray, " h"]
+) -> Float[np.ndarray, "n 12"]:
+    """Base and axes of the pills' frames, for the rows of a window where the shutter rolls."""
+    base = np.stack([s.pills.base for s in solids])
+    axes = np.stack([s.pill_axes.reshape(-1, 9) for s in solids])
+    return of_rows(np.concatenate([base, axes], axis=2), knot, blend).reshape(-1, 12)
+
+
+def of_rows(
+    values: Float[np.ndarray, "k l c"], knot: Int[np.ndarray, " h"], blend: Float[np.ndarray, " h"]
+) -> Float[np.ndarray, "n l c"]:
+    """Values of each row from those at the knots; those given if there is one knot."""
+    if values.shape[0] == 1:
+        return values
+    return values[knot] + blend[:, None, None] * (values[knot + 1] - values[knot])

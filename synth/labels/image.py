@@ -63,8 +63,8 @@ def sensed(
     out, line = np.empty_like(background), np.empty(3 * width, np.float32)
     flat = (height, 3 * width)
     _kernels.sensed(
-        np.ascontiguousarray(background).reshape(flat), window.reshape(window.shape[0], 3 * window.shape[1]), span, exposure.gain,
-        exposure.vignette, across, exposure.noise, _normals()[: NORMALS + 3 * width], key, line, out.reshape(flat),
+        np.ascontiguousarray(background).reshape(flat), window.reshape(window.shape[0], 3 * window.shape[1]), span,
+        exposure.gain, exposure.vignette, across, exposure.noise, _normals()[: NORMALS + 3 * width], key, line, out.reshape(flat),
     )  # fmt: skip
     return out
 
@@ -95,8 +95,8 @@ def coloured(
     normal = np.zeros_like(out)
     _kernels.colour(
         g.grid, g.pinhole, g.tables, g.pills, g.frames, g.vertices, g.normals, g.rest, g.triangles, g.knot, g.blend,
-        g.part_of, paint_table(paint), light_table(lights), lights.ambient, lattice(), seen.depth, seen.surface, places(),
-        seen.first, seen.level, seen.sample_depth, seen.sample_surface, background, normal, out,
+        g.part_of, paint_table(paint), light_table(lights), lights.ambient, lattice(), seen.depth, seen.surface,
+        places(), seen.first, seen.level, seen.sample_depth, seen.sample_surface, background, normal, out,
     )  # fmt: skip
     return out, normal
 

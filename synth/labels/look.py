@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 from .. import _kernels
 from ..dataset.shot import Shot, joints_of, keypoints_at, solids_at
 from . import keypoints as points
-from .geometry import Geometry, Span, boxes_of, geometry, hull, instants
+from .geometry import Geometry, Span, boxes_of, frames_of, geometry, hull, instants
 from .image import MOMENTS, blurred, coloured, noise_key, normals_of, sensed
 from .labelled import Labelled
 from .seen import Seen, see
@@ -79,12 +79,12 @@ def _moments(shot: Shot, times: Float[np.ndarray, " k"]) -> list:
 def _flow(shot: Shot, times: Float[np.ndarray, " k"], here: Geometry, seen: Seen) -> Float[np.ndarray, "h w 2"]:
     """Pixels from here to where each point is one frame later."""
     after = [solids_at(shot, s + 1.0) for s in times]
-    there = geometry(after, shot.camera, here.boxes, here.span, here.grid)
+    frames, vertices = frames_of(after, here.knot, here.blend), np.stack([solids.vertices for solids in after])
     out = np.zeros((*seen.surface.shape, 2), np.float32)
     g, corner = here, (float(here.span[0]), float(here.span[2]))
     _kernels.flow(
-        g.grid, g.lens, g.bend, g.straight, corner, g.pinhole, g.tables, g.frames, there.frames, g.vertices,
-        there.vertices, g.triangles, g.knot, g.blend, seen.depth, seen.surface, out,
+        g.grid, g.lens, g.bend, g.straight, corner, g.pinhole, g.tables, g.frames, frames, g.vertices,
+        vertices, g.triangles, g.knot, g.blend, seen.depth, seen.surface, out,
     )  # fmt: skip
     return out
 

@@ -131,7 +131,8 @@ def lit(
     for light in lights:
         facing = normal @ light[:3]
         mirrored = 2.0 * facing * (normal * view).sum(axis=1) - view @ light[:3]
-        gloss = np.where((facing > 0) & (mirrored > 0), paint[:, 8] * np.maximum(mirrored, 0.0) ** paint[:, 9], 0.0)
+        t = np.where((facing > 0) & (mirrored > 0), mirrored, 0.0)
+        gloss = paint[:, 8] * t / (paint[:, 9] - paint[:, 9] * t + t)
         out = out + light[3:] * (own * np.maximum(facing, 0.0)[:, None] + gloss[:, None])
     return out
 

@@ -95,7 +95,7 @@ class Paint:
     grain : (p,)
         Size of the texture's features, millimetres.
     specular, shininess : (p,)
-        Share of the light mirrored, >= 0, and the exponent of the highlight, a whole number > 0.
+        Share of the light mirrored, >= 0, and how narrow the highlight is: Phong's exponent, > 0.
     """
 
     colour: Float[np.ndarray, "p 3"]
