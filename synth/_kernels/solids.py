@@ -19,7 +19,7 @@ from numba import njit
 from .pills import TIE, pill_depth
 
 NEAR = 1e-6  # triangles' depths must exceed this in front of a pinhole
-ZERO, ONE = np.uint64(0), np.uint64(1)
+ONE = np.uint64(1)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -206,12 +206,11 @@ def mark_edges(part, bits, level):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def find_edges(part, bits, part_of, level_of, boxes, first, level, near, sure):  # pragma: no cover - compiled
+def find_edges(part, bits, part_of, level_of, boxes, first, level, near):  # pragma: no cover - compiled
     """Pixels in which a part begins or ends, numbered by their first sample; returns how many samples they need.
 
     `level_of` gives each part's number of samples for an edge pixel; where it is negative, the part is so small that all pixels of its boxes get as many. `first` is -1 elsewhere; `level` gets the
-    numbers of samples, `near` the parts that may reach into a pixel, as they do into it or a neighbour of its eight,
-    and `sure` those that fill all nine of these, hidden behind others.
+    numbers of samples, `near` the parts that reach into a pixel or one of its eight neighbours.
     """
     h, w = part.shape
     mark_edges(part, bits, level)
@@ -226,15 +225,11 @@ def find_edges(part, bits, part_of, level_of, boxes, first, level, near, sure): 
         for u in range(w):
             if level[v, u] == 0:
                 continue
-            around, always, seen = near[v, u], bits[v, u], ZERO
+            around = near[v, u]
             for i in range(max(v - 1, 0), min(v + 2, h)):
                 for j in range(max(u - 1, 0), min(u + 2, w)):
                     around |= bits[i, j]
-                    always &= bits[i, j]
-                    if part[i, j] >= 0:
-                        seen |= ONE << np.uint64(part[i, j])
-            always &= ~seen
-            near[v, u], sure[v, u] = around & ~always, always
+            near[v, u] = around
             wanted, p = np.int64(level[v, u]), 0
             while around:
                 if around & ONE:
@@ -249,7 +244,7 @@ def find_edges(part, bits, part_of, level_of, boxes, first, level, near, sure): 
 
 @njit(cache=True, error_model="numpy")
 def scan_samples(
-    grid, pinhole, tables, pills, vertices, triangles, knot, blend, boxes, part_of, places, first, level, near, sure,
+    grid, pinhole, tables, pills, vertices, triangles, knot, blend, boxes, part_of, places, first, level, near,
     depth, surface, bits,
 ):  # pragma: no cover - compiled  # fmt: skip
     """First surface and bits at the samples of all edge pixels; `places` (patterns, most, 2), see `pattern_of`."""
@@ -262,7 +257,6 @@ def scan_samples(
                 pattern = pattern_of(level[v, u])
                 for i in range(level[v, u]):
                     x[at + i], y[at + i] = ray_at(grid, v, u, places[pattern, i, 0], places[pattern, i, 1])
-                    bits[at + i] = sure[v, u]
     width = first.shape[1] * places.shape[1]
     near_x, near_y, t, index = np.empty(width), np.empty(width), np.empty(width), np.empty(width, np.int64)
     for k in range(count):

@@ -64,7 +64,8 @@ def sensed(
     flat = (height, 3 * width)
     _kernels.sensed(
         np.ascontiguousarray(background).reshape(flat), window.reshape(window.shape[0], 3 * window.shape[1]), span,
-        exposure.gain, exposure.vignette, across, exposure.noise, _normals()[: NORMALS + 3 * width], key, line, out.reshape(flat),
+        exposure.gain, exposure.vignette, across, exposure.noise, _normals()[: NORMALS + 3 * width], key, line,
+        out.reshape(flat),
     )  # fmt: skip
     return out
 

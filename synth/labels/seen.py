@@ -1,8 +1,8 @@
 """Geometry in, what every pixel sees of it out: depth, surface, bits of all parts, and the same at samples of edges.
 
 A pixel is what its centre sees. Where a part begins or ends in a pixel, samples spread over it say how much of it is
-whose: 8 in a pixel as a rule, 16 for parts of fewer than 250 pixels, and 64 all over those of fewer than 60, so that areas
-of small parts are as exact as those of large ones.
+whose: 8 in a pixel as a rule, 16 for parts of fewer than 250 pixels, and 64 all over those of fewer than 60, so that
+areas of small parts are as exact as those of large ones.
 """
 
 from dataclasses import dataclass
@@ -79,12 +79,12 @@ def see(geometry: Geometry, parts: int) -> Seen:
     _kernels.parts_seen(surface, g.part_of, bits, part, count)
     level_of = np.where(count < FEW, -64, np.where(count < MANY, 16, 8))
     first, level = np.full(surface.shape, -1, np.int32), np.zeros(surface.shape, np.uint8)
-    near, sure = np.zeros((2, *surface.shape), np.uint64)
-    total = _kernels.find_edges(part, bits, g.part_of, level_of, g.boxes, first, level, near, sure)
+    near = np.zeros(surface.shape, np.uint64)
+    total = _kernels.find_edges(part, bits, g.part_of, level_of, g.boxes, first, level, near)
     sample_depth, sample_surface = np.full(total, np.inf), np.full(total, -1, np.int32)
     sample_bits = np.zeros(total, np.uint64)
     _kernels.scan_samples(
         g.grid, g.pinhole, g.tables, g.pills, g.vertices, g.triangles, g.knot, g.blend, g.boxes, g.part_of, places(),
-        first, level, near, sure, sample_depth, sample_surface, sample_bits,
+        first, level, near, sample_depth, sample_surface, sample_bits,
     )  # fmt: skip
     return Seen(depth, surface, part, bits, first, level, sample_depth, sample_surface, sample_bits)
