@@ -202,3 +202,56 @@ def _mesh_points(mesh: SkinnedMesh, follows: Int[np.ndarray, " j"], inverse: Flo
             frame[k] = follows[j]
             point[k] = inverse[j, :3, :3] @ mesh.bind[j, :3, 3] + inverse[j, :3, 3]
     return frame, point
+
+
+def scaled_model(model: Model, scale: float) -> Model:
+    """The model in another size; its joints turn as before."""
+    prefix = model.prefix.copy()
+    prefix[:, :3, 3] *= scale
+    return replace(
+        model,
+        prefix=prefix,
+        link_length=scale * model.link_length,
+        link_radius=scale * model.link_radius,
+        link_base=scale * model.link_base,
+        link_tip=scale * model.link_tip,
+    )
+
+
+def scaled(hand: PillHand | MeshHand, scale: float, radius: float = 1.0) -> PillHand | MeshHand:
+    """A hand in another size; `radius` is a further factor on the radii of pills."""
+    model = scaled_model(hand.model, scale)
+    if isinstance(hand, PillHand):
+        return replace(
+            hand,
+            model=model,
+            base=scale * hand.base,
+            tip=scale * hand.tip,
+            radius=scale * radius * hand.radius,
+            point=scale * hand.point,
+        )
+    return replace(hand, model=model, local=scale * hand.local, rest=scale * hand.rest, point=scale * hand.point)
+
+
+def own_axes(hand: PillHand | MeshHand) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+    """Rotation from a hand's own axes to those of hands, and the middle of its knuckles, in its own axes.
+
+    In the axes of hands y points to the fingertips and z out of the palm; x points to the thumb of a right hand, away
+    from that of a left one. A hand without these keypoints keeps its own axes, about the middle of its links.
+    """
+    frames = np.concatenate([forward(hand.model, np.zeros(len(hand.model.joint_names))), np.eye(4)[None]])
+    F = frames[hand.point_frame]
+    p = (F[:, :3, :3] @ hand.point[:, :, None])[..., 0] + F[:, :3, 3]
+    mirrored = isinstance(hand, PillHand) and hand.mirrored
+    if mirrored:
+        p = p * (-1.0, 1.0, 1.0)
+    at = [KEYPOINTS.index(name) for name in ("wrist", "index_mcp", "middle_mcp", "little_mcp")]
+    if np.isnan(p[at]).any():
+        known = p[~np.isnan(p[:, 0])]
+        return np.eye(3), known.mean(axis=0) if known.size else np.zeros(3)
+    wrist, index, middle, little = p[at]
+    y = middle - wrist
+    y = y / np.linalg.norm(y)
+    z = np.cross(index - little, y) * (-1.0 if mirrored or getattr(hand, "left", False) else 1.0)
+    z = z / np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z]), 0.5 * (index + little) + 0.3 * (middle - 0.5 * (index + little))
