@@ -188,7 +188,7 @@ def _hand(source: Source, i: int, rng: np.random.Generator) -> Moving:
     left = file.side == "left" or (file.side == "any" and rng.random() < 0.5)
     hand = source.hands[i][int(left)]
     scale, radius = rng.uniform(*file.scale), rng.uniform(*file.radii)
-    factor = rng.uniform(*file.lengths, hand.model.link_length.size)
+    factor = rng.uniform(file.lengths[0], file.lengths[1], hand.model.link_length.size)
     if isinstance(hand, PillHand) and file.lengths != (1.0, 1.0):
         hand = pill_hand(longer(hand.model, factor), left)
     hand = scaled(hand, scale, radius)
@@ -249,7 +249,7 @@ def _shape(source: Source, i: int, file: OccluderFile, rng: np.random.Generator,
     if file.kind == "pill":
         return stick(length, size, float(rng.uniform(0.6, 1.0)))
     if file.kind == "box":
-        return box(np.array([size, *rng.uniform(*file.size, 2)]))
+        return box(np.array([size, *rng.uniform(file.size[0], file.size[1], 2)]))
     vertices, triangles = source.meshes[i] or (np.zeros((0, 3)), np.zeros((0, 3), np.int64))
     return mesh_body(vertices, triangles, size)
 

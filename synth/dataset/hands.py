@@ -1,7 +1,7 @@
 """A tree of pills or a skinned mesh in, a hand with parts and keypoints out."""
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -105,13 +105,15 @@ def longer(model: Model, factor: Float[np.ndarray, " l"]) -> Model:
     return replace(model, prefix=prefix, link_length=model.link_length * factor, link_tip=tip)
 
 
-def parts_of_points(names: Sequence[str]) -> Bool[np.ndarray, "k n"]:
+@lru_cache(maxsize=32)
+def parts_of_points(names: tuple[str, ...]) -> Bool[np.ndarray, "k n"]:
     """Which parts each keypoint lies in: those that meet at the joint, the distal one for a tip."""
     inside = np.zeros((len(KEYPOINTS), len(names)), dtype=bool)
     for k, point in enumerate(KEYPOINTS):
         for part in _meeting(point):
             if part in names:
-                inside[k, list(names).index(part)] = True
+                inside[k, names.index(part)] = True
+    inside.flags.writeable = False
     return inside
 
 

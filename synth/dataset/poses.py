@@ -6,9 +6,10 @@ evenly from their ranges. The gestures' numbers are chosen here, not measured.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from handtrack.kinematics import Model, forward, link_ends, pose_from_free
 
@@ -25,37 +26,42 @@ GESTURES = np.array(  # share of bending of thumb, index, middle, ring, little
         [0.25, 0.25, 0.28, 0.30, 0.32],
     ]
 )
-TRIES, OVERLAP = 12, 0.65  # draws before links that cut into each other are put up with; share of their radii allowed
+TRIES, OVERLAP = 5, 0.65  # draws at once, and again, of which the first is taken whose links, at this share of their
+# radii, stay out of each other
 _SIDEWAYS = ("abduction",)
 
 
 def natural_pose(model: Model, rng: np.random.Generator, spread: float) -> Float[np.ndarray, " j"]:
     """A pose inside the joint limits whose fingers do not cut through each other, if some draws find one."""
-    q = _draw(model, rng, spread)
-    for _ in range(TRIES):
-        if not cuts(model, q):
-            break
-        q = _draw(model, rng, spread)
-    return q
+    q = _draw(model, rng, spread, TRIES)
+    clear = ~cuts(model, q)
+    if not clear.any():
+        q = _draw(model, rng, spread, TRIES)
+        clear = ~cuts(model, q)
+    return q[int(clear.argmax())]
 
 
-def _draw(model: Model, rng: np.random.Generator, spread: float) -> Float[np.ndarray, " j"]:
-    low, high = np.where(np.isfinite(model.limits), model.limits, [-math.pi, math.pi]).T
-    gesture = rng.integers(GESTURES.shape[0])
-    mixed = rng.uniform(0.0, 1.0)
-    bend = np.clip(mixed * GESTURES[gesture] + (1 - mixed) * rng.uniform(0, 0.8) + 0.08 * rng.standard_normal(5), 0, 1)
-    q = np.empty(low.size)
-    noise = rng.standard_normal(low.size)
-    even = rng.uniform(low, high)
-    for i, name in enumerate(model.joint_names):
-        finger, _, part = name.partition("_")
-        if finger not in FINGERS or part in _SIDEWAYS:
-            q[i] = 0.5 * (low[i] + high[i]) + 0.15 * noise[i] * (high[i] - low[i])
-            continue
-        end = high[i] if abs(high[i]) >= abs(low[i]) else low[i]
-        q[i] = (bend[FINGERS.index(finger)] + 0.07 * noise[i]) * end
-    share = spread * rng.uniform(0.0, 1.0, low.size)
-    return inside_limits(model, q + share * (even - q))
+def _draw(model: Model, rng: np.random.Generator, spread: float, count: int) -> Float[np.ndarray, "n j"]:
+    """Poses that need not be clear of themselves."""
+    low, high, finger, end = _ranges(model.joint_names, model.limits.tobytes())
+    gesture, mixed = rng.integers(GESTURES.shape[0], size=count), rng.uniform(0.0, 1.0, (count, 1))
+    bend = mixed * GESTURES[gesture] + (1.0 - mixed) * rng.uniform(0.0, 0.8, (count, 1))
+    bend = np.clip(bend + 0.08 * rng.standard_normal((count, 5)), 0.0, 1.0)
+    noise = rng.standard_normal((count, low.size))
+    bent = (bend[:, finger] + 0.07 * noise) * end
+    q = np.where(finger >= 0, bent, 0.5 * (low + high) + 0.15 * noise * (high - low))
+    share = spread * rng.uniform(0.0, 1.0, q.shape)
+    return inside_limits(model, q + share * (rng.uniform(low, high, q.shape) - q))
+
+
+@lru_cache(maxsize=32)
+def _ranges(names: tuple[str, ...], limits: bytes):
+    """Limits (a full turn where there are none), finger that bends each joint (-1: none), and where bending ends."""
+    given = np.frombuffer(limits).reshape(-1, 2)
+    low, high = np.where(np.isfinite(given), given, [-math.pi, math.pi]).T
+    parts = [name.partition("_") for name in names]
+    finger = [FINGERS.index(a) if a in FINGERS and b not in _SIDEWAYS else -1 for a, _, b in parts]
+    return low, high, np.array(finger), np.where(np.abs(high) >= np.abs(low), high, low)
 
 
 def even_pose(model: Model, rng: np.random.Generator) -> Float[np.ndarray, " j"]:
@@ -64,27 +70,41 @@ def even_pose(model: Model, rng: np.random.Generator) -> Float[np.ndarray, " j"]
     return inside_limits(model, rng.uniform(limits[:, 0], limits[:, 1]))
 
 
-def cuts(model: Model, q: Float[np.ndarray, " j"]) -> bool:
-    """Whether links of different fingers are deeper inside each other than flesh gives way."""
+def cuts(model: Model, q: Float[np.ndarray, "n j"]) -> Bool[np.ndarray, " n"]:
+    """Whether links of different fingers are deeper inside each other than flesh gives way, for each pose."""
     base, tip = link_ends(model, forward(model, q))
-    one, two = np.triu_indices(base.shape[0], 1)
-    apart = model.link_finger[one] != model.link_finger[two]
-    one, two = one[apart], two[apart]
-    reach = OVERLAP * (model.link_radius.mean(axis=1)[one] + model.link_radius.mean(axis=1)[two])
-    return bool((_gap(base[one], tip[one], base[two], tip[two]) < reach).any())
+    one, two = _pairs(model.link_finger.tobytes())
+    radius = model.link_radius.mean(axis=1)
+    ends = (values[:, which].reshape(-1, 3) for which in (one, two) for values in (base, tip))
+    gap = _gap(*ends).reshape(q.shape[0], one.size)
+    return (gap < OVERLAP * (radius[one] + radius[two])).any(axis=1)
+
+
+@lru_cache(maxsize=32)
+def _pairs(fingers: bytes) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """All pairs of links of different fingers."""
+    finger = np.frombuffer(fingers, dtype=np.int64)
+    one, two = np.triu_indices(finger.size, 1)
+    apart = finger[one] != finger[two]
+    return one[apart], two[apart]
 
 
 def _gap(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> Float[np.ndarray, " n"]:
     """Distance between segments ab and cd (Ericson, Real-Time Collision Detection, section 5.1.9)."""
     u, v, w = b - a, d - c, a - c
-    uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
-    uw, vw = (u * w).sum(1), (v * w).sum(1)
+    uu, uv, vv = _dot(u, u), _dot(u, v), _dot(v, v)
+    uw, vw = _dot(u, w), _dot(v, w)
     whole = np.maximum(uu * vv - uv * uv, 1e-9)
     s = np.clip((uv * vw - vv * uw) / whole, 0.0, 1.0)
     t = (uv * s + vw) / vv
     held = np.clip(t, 0.0, 1.0)
     s = np.where(t == held, s, np.clip((uv * held - uw) / uu, 0.0, 1.0))
-    return np.linalg.norm(w + s[:, None] * u - held[:, None] * v, axis=1)
+    between = w + s[:, None] * u - held[:, None] * v
+    return np.sqrt(_dot(between, between))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
 def path_of(
@@ -98,8 +118,9 @@ def path_of(
     if speed <= 0.0:
         return np.repeat(key()[None], frames + 1, axis=0)
     if frames == 1:
-        first, second = key(), key()
-        step = (second - first) / max(float(np.abs(second - first).max()), 1e-9)
+        first = key()
+        step = even_pose(model, rng) - first
+        step = step / max(float(np.abs(step).max()), 1e-9)
         moved = first + math.radians(speed) * step
         return np.stack([first, pose_from_free(model, moved[model.free])])
     keys = np.stack([key() for _ in range(keys_needed(frames + 1, speed, 40.0))])

@@ -22,6 +22,11 @@ TOWARDS = {
 }
 
 
+def cross(a: Float[np.ndarray, " 3"], b: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+    """Cross product of two vectors, without the detours of the general one."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def in_cone(
     rng: np.random.Generator, axis: Float[np.ndarray, " 3"], cone: tuple[float, float]
 ) -> Float[np.ndarray, " 3"]:
@@ -31,7 +36,7 @@ def in_cone(
     a = np.eye(3)[int(np.abs(axis).argmin())]
     a = a - (a @ axis) * axis
     a = a / np.linalg.norm(a)
-    side = math.cos(turn) * a + math.sin(turn) * np.cross(axis, a)
+    side = math.cos(turn) * a + math.sin(turn) * cross(axis, a)
     return z * axis + math.sqrt(max(0.0, 1.0 - z * z)) * side
 
 
@@ -45,9 +50,9 @@ def camera(rng: np.random.Generator, file: CameraFile, image: ImageFile, mirrore
         axis = axis * (-1.0, 1.0, 1.0)
     forward = -in_cone(rng, axis, cone)
     up = np.array([0.0, 1.0, 0.0]) if abs(forward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
-    x = np.cross(-up, forward)
+    x = cross(-up, forward)
     x = x / np.linalg.norm(x)
-    R = np.stack([x, np.cross(forward, x), forward])
+    R = np.stack([x, cross(forward, x), forward])
     roll = math.radians(rng.uniform(*file.roll))
     c, s = math.cos(roll), math.sin(roll)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
@@ -81,6 +86,6 @@ def lights(rng: np.random.Generator, file: LightsFile) -> Lights:
     """Lights in a cone about the direction from the hand to the camera."""
     count = int(rng.integers(file.count[0], file.count[1] + 1))
     direction = np.array([in_cone(rng, np.array([0.0, 0.0, -1.0]), file.cone) for _ in range(count)]).reshape(-1, 3)
-    strength = rng.uniform(*file.strength, (count, 1)) / max(count, 1) ** 0.5
-    tint = 1.0 - rng.uniform(*file.colour, (count, 1)) * rng.uniform(0.0, 1.0, (count, 3))
+    strength = rng.uniform(file.strength[0], file.strength[1], (count, 1)) / max(count, 1) ** 0.5
+    tint = 1.0 - rng.uniform(file.colour[0], file.colour[1], (count, 1)) * rng.uniform(0.0, 1.0, (count, 3))
     return Lights(rng.uniform(*file.ambient), direction, strength * tint)
