@@ -209,8 +209,9 @@ def mark_edges(part, bits, level):  # pragma: no cover - compiled
 def find_edges(part, bits, part_of, level_of, boxes, first, level, near):  # pragma: no cover - compiled
     """Pixels in which a part begins or ends, numbered by their first sample; returns how many samples they need.
 
-    `level_of` gives each part's number of samples for an edge pixel; where it is negative, the part is so small that all pixels of its boxes get as many. `first` is -1 elsewhere; `level` gets the
-    numbers of samples, `near` the parts that reach into a pixel or one of its eight neighbours.
+    `level_of` gives each part's number of samples for an edge pixel; where it is negative, the part is so small that
+    all pixels of its boxes get as many. `first` is -1 elsewhere; `level` gets the numbers of samples, `near` the parts
+    that reach into a pixel or one of its eight neighbours.
     """
     h, w = part.shape
     mark_edges(part, bits, level)
