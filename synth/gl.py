@@ -11,7 +11,7 @@ given up; it gets it back before pyrender is loaded. OpenGL's platform is chosen
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType, TracebackType
@@ -188,7 +188,23 @@ class Twin:
             raise ValueError(f"camera: {camera.width}x{camera.height} pixels; wanted {self._size[0]}x{self._size[1]}")
         if camera.distortion.any():
             raise ValueError("camera: has distortion; OpenGL draws straight lines straight, so none is wanted")
-        gl, scene = self._pyrender, self._scene(shapes, camera, paint, lights, shading, background)
+        scene = self._scene(shapes, camera, paint, lights, shading, background)
+        return self._drawn(scene, shading)
+
+    def redrawing(
+        self, shapes: Triangles, camera: Camera, paint: Paint, lights: Lights, stiff: bool = True
+    ) -> Callable[[], GlImage]:
+        """A function that draws the same again: for timing. Unless `stiff`, all vertices are sent anew each time."""
+        scene = self._scene(shapes, camera, paint, lights, "gouraud", (0, 0, 0))
+
+        def draw() -> GlImage:
+            drawn = scene if stiff else self._scene(shapes, camera, paint, lights, "gouraud", (0, 0, 0))
+            return self._drawn(drawn, "gouraud")
+
+        return draw
+
+    def _drawn(self, scene: Any, shading: Shading) -> GlImage:
+        gl = self._pyrender
         flags = gl.RenderFlags.NONE if shading == "smooth" else gl.RenderFlags.FLAT
         colour, _ = self._renderer.render(scene, flags=flags)
         names = {node: (int(node.name) + 1, 0, 0) for node in scene.mesh_nodes}

@@ -258,20 +258,19 @@ def scan_samples(
                 pattern = pattern_of(level[v, u])
                 for i in range(level[v, u]):
                     x[at + i], y[at + i] = ray_at(grid, v, u, places[pattern, i, 0], places[pattern, i, 1])
-    width = first.shape[1] * places.shape[1]
-    near_x, near_y, t, index = np.empty(width), np.empty(width), np.empty(width), np.empty(width, np.int64)
+    near_x, near_y, t = np.empty(depth.size), np.empty(depth.size), np.empty(depth.size)
+    index = np.empty(depth.size, np.int64)
     for k in range(count):
         bit = ONE << np.uint64(part_of[k])
+        n, last = 0, boxes[k, 3] - 1
         for v in range(boxes[k, 2], boxes[k, 3]):
-            n = 0
             for u in range(boxes[k, 0], boxes[k, 1]):
-                at = first[v, u]
-                if at >= 0 and near[v, u] & bit:
-                    for i in range(at, at + level[v, u]):
+                if first[v, u] >= 0 and near[v, u] & bit:
+                    for i in range(first[v, u], first[v, u] + level[v, u]):
                         near_x[n], near_y[n], index[n] = x[i], y[i], i
                         n += 1
-            if n == 0:
-                continue
+            if step == 0 and v < last:
+                continue  # all rows see the same pill: their samples are worked on together
             pill_depths(near_x, near_y, n, pinhole, pills, k + step * v, t)
             for m in range(n):
                 if t[m] < math.inf:
@@ -279,6 +278,7 @@ def scan_samples(
                     bits[i] |= bit
                     if t[m] < depth[i] - TIE:
                         depth[i], surface[i] = t[m], k
+            n = 0
     for k in range(triangles.shape[0]):
         bit = ONE << np.uint64(part_of[count + k])
         sides = triangle_sides(vertices, triangles, 0, 0.0, pinhole, k)

@@ -45,8 +45,9 @@ def sensed(
     span: Span,
     exposure: Exposure,
     key: np.uint64,
-) -> UInt8[np.ndarray, "h w 3"]:
-    """The whole image as the sensor delivers it: gain, vignette, noise, rounding.
+    out: UInt8[np.ndarray, "h w 3"],
+) -> None:
+    """The whole image as the sensor delivers it, into `out`: gain, vignette, noise, rounding.
 
     Parameters
     ----------
@@ -60,14 +61,13 @@ def sensed(
         raise ValueError(f"background: {width} pixels wide; wanted at most {NORMALS // 3}")
     far = max(0.25 * ((width - 1) ** 2 + (height - 1) ** 2), 1e-300)
     across = (_across(width) / far).astype(np.float32)
-    out, line = np.empty_like(background), np.empty(3 * width, np.float32)
+    line = np.empty(3 * width, np.float32)
     flat = (height, 3 * width)
     _kernels.sensed(
         np.ascontiguousarray(background).reshape(flat), window.reshape(window.shape[0], 3 * window.shape[1]), span,
         exposure.gain, exposure.vignette, across, exposure.noise, _normals()[: NORMALS + 3 * width], key, line,
         out.reshape(flat),
     )  # fmt: skip
-    return out
 
 
 def paint_table(paint: Paint) -> Float[np.ndarray, "p 10"]:

@@ -12,11 +12,41 @@ from .labelled import Labelled
 from .seen import Seen, see
 
 
-def labelled(shot: Shot) -> Labelled:
+class Canvas:
+    """The images of a `Labelled`, to be used again for the next one of the same size.
+
+    Fresh memory has to be handed over by the operating system page by page, which takes longer than drawing a hand.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        shape = (height, width)
+        self.image = np.zeros((*shape, 3), np.uint8)
+        self.depth = np.full(shape, np.inf, np.float32)
+        self.normal = np.zeros((*shape, 3), np.float32)
+        self.part = np.full(shape, -1, np.int16)
+        self.amodal = np.zeros(shape, np.uint64)
+        self.flow = np.zeros((*shape, 2), np.float32)
+        self.span: Span = (0, 0, 0, 0)
+
+    def clear(self) -> None:
+        """Take the window of the last image back to background."""
+        x0, x1, y0, y1 = self.span
+        images = (self.depth, self.normal, self.part, self.amodal, self.flow)
+        for values, nothing in zip(images, (np.inf, 0.0, -1, 0, 0.0), strict=True):
+            values[y0:y1, x0:x1] = nothing
+        self.span = (0, 0, 0, 0)
+
+
+def labelled(shot: Shot, canvas: Canvas | None = None) -> Labelled:
     """Image and labels of a shot.
 
     Labels hold for the instant of this frame, or, with a rolling shutter, of each row's reading; those at a pixel are
     what its centre sees.
+
+    Parameters
+    ----------
+    canvas : Canvas, optional
+        Of the camera's size, to draw into: the result is valid until it is used again.
     """
     camera, exposure = shot.camera, shot.exposure
     times = instants(exposure.readout)
@@ -43,14 +73,20 @@ def labelled(shot: Shot) -> Labelled:
     with np.errstate(invalid="ignore"):
         fraction = np.where(amodal_area > 0, visible_area / amodal_area, np.nan)
     names, angles = joints_of(shot)
-    size = (camera.height, camera.width)
+    c = canvas or Canvas(camera.width, camera.height)
+    c.clear()
+    c.span, (x0, x1, y0, y1) = span, span
+    sensed(shot.background, window, span, exposure, noise_key(shot.seed, shot.index), c.image)
+    c.depth[y0:y1, x0:x1], c.normal[y0:y1, x0:x1] = seen.depth, normal
+    c.part[y0:y1, x0:x1], c.amodal[y0:y1, x0:x1] = seen.part, seen.bits
+    _flow(shot, times, here, seen, c.flow[y0:y1, x0:x1])
     return Labelled(
-        sensed(shot.background, window, span, exposure, noise_key(shot.seed, shot.index)),
-        _full(size, span, np.float32(np.inf), seen.depth.astype(np.float32)),
-        _full(size, span, np.float32(0.0), normal),
-        _full(size, span, np.int16(-1), seen.part),
-        _full(size, span, np.uint64(0), seen.bits),
-        _full(size, span, np.float32(0.0), _flow(shot, times, here, seen)),
+        c.image,
+        c.depth,
+        c.normal,
+        c.part,
+        c.amodal,
+        c.flow,
         xy,
         p_cam,
         visible,
@@ -76,17 +112,17 @@ def _moments(shot: Shot, times: Float[np.ndarray, " k"]) -> list:
     return [[solids_at(shot, s) for s in times + by] for by in shift]
 
 
-def _flow(shot: Shot, times: Float[np.ndarray, " k"], here: Geometry, seen: Seen) -> Float[np.ndarray, "h w 2"]:
+def _flow(
+    shot: Shot, times: Float[np.ndarray, " k"], here: Geometry, seen: Seen, out: Float[np.ndarray, "h w 2"]
+) -> None:
     """Pixels from here to where each point is one frame later."""
     after = [solids_at(shot, s + 1.0) for s in times]
     frames, vertices = frames_of(after, here.knot, here.blend), np.stack([solids.vertices for solids in after])
-    out = np.zeros((*seen.surface.shape, 2), np.float32)
     g, corner = here, (float(here.span[0]), float(here.span[2]))
     _kernels.flow(
         g.grid, g.lens, g.bend, g.straight, corner, g.pinhole, g.tables, g.frames, frames, g.vertices,
         vertices, g.triangles, g.knot, g.blend, seen.depth, seen.surface, out,
     )  # fmt: skip
-    return out
 
 
 def _areas(here: Geometry, seen: Seen, shot: Shot):
@@ -118,12 +154,3 @@ def _of_instances(box: Int[np.ndarray, "p 4"], shot: Shot, corner: tuple[int, in
 def _crop(picture: np.ndarray, span: Span) -> np.ndarray:
     x0, x1, y0, y1 = span
     return picture[y0:y1, x0:x1]
-
-
-def _full(size: tuple[int, int], span: Span, nothing: np.generic, window: np.ndarray) -> np.ndarray:
-    """An image of one value with a window put in."""
-    shape = (*size, *window.shape[2:])
-    out = np.zeros(shape, window.dtype) if nothing == 0 else np.full(shape, nothing, window.dtype)
-    x0, x1, y0, y1 = span
-    out[y0:y1, x0:x1] = window
-    return out
