@@ -9,9 +9,9 @@ from handtrack.camera import Camera, orthographic, perspective
 from handtrack.formats.glb import read_glb
 from handtrack.kinematics.builtin import model as builtin
 from handtrack.pills import Pills
-from synth.dataset.bodies import Body, Placed, Rigid
 from synth.dataset.hands import pill_hand, skinned_hand
-from synth.dataset.shot import Exposure, Shot, parts_of
+from synth.labels.bodies import Body, Placed, Rigid
+from synth.labels.shot import Exposure, Shot, parts_of
 from synth.labels.solids import Lights, Paint
 
 HAND_MESH = Path(__file__).parents[2] / "shared" / "data" / "hand_mesh" / "right.glb"

@@ -10,9 +10,9 @@ from label_shots import shot
 from scipy.ndimage import binary_erosion
 
 from handtrack.errors import InputError
-from synth.dataset.shot import solids_at
 from synth.gl import TOLERANCE, Twin, as_triangles, load, pill_triangles
 from synth.labels.look import labelled
+from synth.labels.shot import solids_at
 from synth.raycast import pill_table
 
 SIZE = (240, 180)

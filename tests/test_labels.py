@@ -12,13 +12,13 @@ from label_shots import camera_of, shot, still
 from handtrack.camera import project_camera, rays
 from handtrack.pills import ray_hits
 from synth import _kernels
-from synth.dataset.shot import Exposure, Shot, keypoints_at, solids_at
 from synth.labels import image as imaging
 from synth.labels import plain
 from synth.labels.geometry import KNOTS, boxes_of, geometry, hull, instants, window_grid
 from synth.labels.image import lattice, light_table, noise_key, paint_table
 from synth.labels.look import Canvas, labelled
 from synth.labels.seen import places, see
+from synth.labels.shot import Exposure, Shot, keypoints_at, solids_at
 from synth.raycast import pixel_grid
 
 SHOTS = [
@@ -32,9 +32,9 @@ SHOTS = [
 each_shot = pytest.mark.parametrize("options", SHOTS, ids=str)
 
 
-def sensed(background, *args):
+def sensed(background, window, span, exposure, key):
     out = np.empty_like(background)
-    imaging.sensed(background, *args, out)
+    imaging.sensed(background, window, span, exposure, key, out)
     return out
 
 
@@ -113,7 +113,7 @@ def test_a_part_alone_shows_its_amodal_mask(options):
 
 
 def _parts(one: Shot, k: int):
-    from synth.dataset.shot import parts_of
+    from synth.labels.shot import parts_of
 
     return parts_of((one.bodies[k],))
 
@@ -232,7 +232,7 @@ def test_flow_leads_every_surface_point_to_where_it_is_in_the_next_frame(options
 
 def _later(body):
     """The body as it stands in the next frame."""
-    from synth.dataset.bodies import Placed
+    from synth.labels.bodies import Placed
 
     R, t, q = body.placed.R, body.placed.t, body.q
     return replace(body, q=q[[1, 1]], placed=Placed(R[[1, 1]], t[[1, 1]]))
@@ -264,7 +264,7 @@ def test_a_rolling_shutter_sees_each_row_at_its_own_instant():
 
 def _at(body, s: float):
     """The body held still at a share of the frame interval."""
-    from synth.dataset.bodies import Placed, placement_at
+    from synth.labels.bodies import Placed, placement_at
 
     R, t = placement_at(body.placed, s)
     q = body.q[0] + s * (body.q[1] - body.q[0])

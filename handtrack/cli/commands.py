@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from . import bench, calibrate, demo, evaluate, explain, models, render, reproduce, track
+from . import bench, calibrate, dataset, demo, evaluate, explain, models, render, reproduce, track
 from .console import error, say, version_of, warning
 
 INTERRUPTED = 130
@@ -31,6 +31,7 @@ app.command()(evaluate.evaluate)
 app.command()(explain.explain)
 app.command()(calibrate.calibrate_shape)
 app.command()(render.render)
+app.add_typer(dataset.app, name="dataset")
 app.add_typer(reproduce.app, name="reproduce")
 app.add_typer(models.app, name="models")
 app.command()(bench.bench)

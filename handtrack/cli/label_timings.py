@@ -14,9 +14,9 @@ import numpy as np
 from handtrack.errors import InputError
 from synth.dataset.draw import prepare, shot
 from synth.dataset.scene_file import read_scene
-from synth.dataset.shot import Shot, solids_at
 from synth.gl import Twin, as_triangles
 from synth.labels.look import Canvas, labelled
+from synth.labels.shot import Shot, solids_at
 
 from .timings import Timing, median_ms
 

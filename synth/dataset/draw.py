@@ -13,22 +13,22 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from handtrack.camera import Camera
+from handtrack.camera import Camera, orthographic
 from handtrack.errors import InputError
 from handtrack.formats.glb import SkinnedMesh, read_glb
 from handtrack.formats.models import read_model
 from handtrack.kinematics.builtin import model as builtin_model
 from handtrack.kinematics.builtin import model_names
 
+from ..labels.bodies import Body, MeshHand, PillHand, Placed, Rigid, points_of
+from ..labels.shot import Exposure, Shot, parts_of
 from . import backgrounds, views
-from .bodies import Body, MeshHand, PillHand, Placed, Rigid
 from .hands import longer, own_axes, pill_hand, scaled, skinned_hand
 from .occluders import ball, box, mesh_body, read_obj, stick
 from .painting import painted
 from .poses import path_of
 from .scene_file import SceneFile
 from .scene_schema import HandFile, OccluderFile
-from .shot import Exposure, Shot, parts_of
 from .wandering import Wandering, offset, wandering
 
 CAMERA, LIGHTS, BACKGROUND, EXPOSURE, PAINT, HANDS, OCCLUDERS = 1, 2, 3, 4, 5, 10, 30  # groups of random choices
@@ -279,10 +279,6 @@ def _grasped(source: Source, i: int, file: OccluderFile, rng: np.random.Generato
 
 def hand_points(hand: Moving, world: bool = True) -> Float[np.ndarray, "k 3"]:
     """Keypoints of a hand at its sequence's first frame, in the world or in the hand's own axes."""
-    from handtrack.camera import orthographic
-
-    from .bodies import points_of
-
     straight = orthographic(1, 1, 1.0, 0.0, 0.0, np.eye(3), np.zeros(3))
     placed = _placed(hand, 0) if world else Placed(np.stack([np.eye(3)] * 2), np.zeros((2, 3)))
     return points_of(Body(hand.shape, placed, hand.q[:2]), 0.0, straight, 0).p_cam[0]

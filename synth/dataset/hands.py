@@ -10,9 +10,9 @@ from handtrack.formats.glb import SkinnedMesh
 from handtrack.kinematics import Model, forward
 from handtrack.kinematics.builtin import HAND_LENGTH, KNUCKLE_ALONG
 
+from ..labels.bodies import MeshHand, PillHand
 from ..labels.solids import HAND_PARTS, KEYPOINTS
 from ..mesh_hand import FINGERS, mesh_hand, resized
-from .bodies import MeshHand, PillHand
 
 _SEGMENTS = ("proximal", "intermediate", "distal")
 _THUMB_SEGMENTS = ("metacarpal", "proximal", "distal")

@@ -9,7 +9,7 @@ from handtrack.errors import InputError
 from handtrack.formats.paths import read_bytes
 from handtrack.pills import Pills
 
-from .bodies import Rigid
+from ..labels.bodies import Rigid
 
 MOST_BYTES, MOST_TRIANGLES = 20_000_000, 100_000
 _NONE = np.zeros((0, 3))

@@ -8,10 +8,10 @@ from jaxtyping import Float, UInt8
 from scipy.special import ndtri
 
 from .. import _kernels
-from ..dataset.shot import Exposure
 from ..mesh import sample_places
 from .geometry import Geometry, Span
 from .seen import Seen, places, scan
+from .shot import Exposure
 from .solids import Lights, Paint
 
 NORMALS = 65521  # a prime, so that stretches that begin at random do not line up

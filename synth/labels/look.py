@@ -4,12 +4,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .. import _kernels
-from ..dataset.shot import Shot, joints_of, keypoints_at, solids_at
 from . import keypoints as points
 from .geometry import Geometry, Span, boxes_of, frames_of, geometry, hull, instants
 from .image import MOMENTS, blurred, coloured, noise_key, normals_of, sensed
 from .labelled import Labelled
 from .seen import Seen, see
+from .shot import Shot, joints_of, keypoints_at, solids_at
 
 
 class Canvas:

@@ -13,8 +13,8 @@ from jaxtyping import Float, UInt8
 
 from handtrack.camera import Camera
 
-from ..labels.solids import KEYPOINTS, MOST_PARTS, Keypoints, Lights, Paint, Parts, Solids
 from .bodies import Body, Rigid, joined, kind_of, points_of, solids_of
+from .solids import KEYPOINTS, MOST_PARTS, Keypoints, Lights, Paint, Parts, Solids
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from handtrack.camera import Camera
 from handtrack.kinematics import Model, forward
 from handtrack.pills import Pills
 
-from ..labels.solids import Keypoints, Kind, Solids
+from .solids import Keypoints, Kind, Solids
 
 
 @dataclass(frozen=True, slots=True, eq=False)
