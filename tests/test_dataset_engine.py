@@ -183,7 +183,8 @@ def test_a_running_scheduler_is_used(tmp_path, digest):
     store = open_store(str(tmp_path))
     options = {"processes": False, "protocol": "tcp", "host": "127.0.0.1", "dashboard_address": None}
     with LocalCluster(1, threads_per_worker=1, **options) as cluster:
-        made(store, partial(dasked, workers=1, scheduler=cluster.scheduler_address))
+        address = str(cluster.scheduler_address)  # type: ignore[union-attr]
+        made(store, partial(dasked, workers=1, scheduler=address))
     assert tree_digest(store) == digest
 
 

@@ -1,4 +1,4 @@
-"""Claims about runs that are killed: the next one ends in the bytes of an undisturbed run (`benchmarks/dataset_kill.py`)."""
+"""Claims about runs that are killed: the next one ends in the bytes of an undisturbed run."""
 
 import random
 import subprocess

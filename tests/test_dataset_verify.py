@@ -3,19 +3,23 @@
 import json
 import shutil
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from labelled_double import labelled_double
 
 from handtrack.cli import dataset_making as making
 from handtrack.cli import main
 from handtrack.cli.dataset_progress import image_progress
-from synth.dataset.decode import decoded
 from synth.dataset.encode import Labels, Sample, encoded
-from synth.dataset.index import read_index
-from synth.dataset.rules import broken_rules
+from synth.dataset.index import index_bytes, read_index
+from synth.dataset.mask_bits import bits_of_texts
+from synth.dataset.masks import masks_of_bits
+from synth.dataset.rules import broken_rules, checked
 from synth.dataset.shards import members_of, shard_bytes
 from synth.dataset.store import open_store, tree_digest
 
@@ -109,7 +113,7 @@ def test_the_number_of_a_frame_decides_nothing_but_itself(scene, whole, tmp_path
         (["--scheduler", "tcp://127.0.0.1:1"], "go with --engine dask"),
         (["--engine", "dask", "--scheduler", "tcp://10.1.1.1:1"], "10.1.1.1 is not this machine"),
         (["--storage-option", "a=b"], "goes with an object store"),
-        (["--count", "0"], "0"),
+        (["--count", "0"], "greater than or equal to 1"),
     ],
 )
 def test_bad_arguments_are_one_line(scene, whole, capsys, arguments, message):
@@ -233,14 +237,129 @@ def test_a_scene_with_files_is_rendered_with_its_folder(tmp_path, capsys, monkey
     assert "places/a.png is not what the dataset was made from" in capsys.readouterr().err
 
 
+def _forged(out, name, change):
+    """Change a file of the first unit, and its record with it, so that only its content is wrong."""
+    path, record = out / name, out / "records" / "00000.json"
+    content = change(path.read_bytes())
+    path.write_bytes(content)
+    data = json.loads(record.read_text())
+    files = [file | ({"sha256": sha256(content).hexdigest()} if file["name"] == name else {}) for file in data["files"]]
+    record.write_text(json.dumps(data | {"files": files}))
+
+
+def _without(word, by=b""):
+    return lambda content: content.replace(word, by)
+
+
+FORGED = [
+    ("shards", "shards/00000.tar", lambda c: shard_bytes([]), "holds 0 images; 4 are wanted"),
+    ("shards", "shards/00000.tar", _without(b"000000002.", b"000000009."), "holds 2 images; 4 are wanted"),
+    ("shards", "shards/00000.tar", lambda c: c[:700], "a tar archive is wanted"),
+    ("shards", "shards/00000.tar", _without(b"handtrack/labels-1", b"handtrack/labels-2"), "not of format"),
+    ("shards", "shards/00000.tar", _without(b'"hidden_by":', b'"hidden_BY":'), "no 'hidden_by'"),
+    ("shards", "shards/00000.tar", lambda c: c.replace(b"part.png", b"parx.png").replace(b"json", b"jsox"), "no json"),
+    ("shards", "shards/00000.tar", _without(b'"height":36', b'"height":37'), "has not the size of the image"),
+    ("shards", "rows/00000.parquet", lambda c: index_bytes(read_index(c)[:3]), "of which the index says nothing"),
+    ("shards", "rows/00000.parquet", lambda c: index_bytes(_moved(read_index(c))), "is not at byte"),
+    ("shards", "rows/00000.parquet", lambda c: b"", "a Parquet file is wanted"),
+    ("coco", "rows/00000.parquet", lambda c: index_bytes(read_index(c)[:3]), "does not name every image"),
+    ("coco", "rows/00000.parquet", lambda c: index_bytes(_other_keys(read_index(c))), "images: has no image"),
+    ("coco", "pieces/00000.jsonl", lambda c: b"\n".join(c.splitlines()[1:]), "annotations of 3 images, 4 are wanted"),
+    ("coco", "pieces/00000.jsonl", _without(b'"area":', b'"area":1'), "pixels, its area is"),
+    ("coco", "pieces/00000.jsonl", _without(b'"bbox":[', b'"bbox":[9'), "reaches out of its box"),
+    ("coco", "pieces/00000.jsonl", _without(b'"visible_fraction":', b'"visible_fraction":7'), "visible fraction 7"),
+    ("coco", "pieces/00000.jsonl", lambda c: _swapped(c), "a modal mask is not inside its amodal mask"),
+    ("folders", "rows/00000.parquet", lambda c: index_bytes(_other_frames(read_index(c))), "no files of frame 99"),
+]
+
+
+def _moved(rows):
+    return [replace(row, offset=row.offset + 512) for row in rows]
+
+
+def _other_keys(rows):
+    return [replace(row, key="x" + row.key) for row in rows]
+
+
+def _other_frames(rows):
+    return [replace(row, frame=99) for row in rows]
+
+
+def _swapped(content):
+    """Modal masks where amodal ones belong."""
+    amodal, modal, other = b'"amodal_segmentation"', b'"segmentation"', b'"other"'
+    return content.replace(amodal, other).replace(modal, amodal).replace(other, modal)
+
+
+@pytest.mark.parametrize(("layout", "name", "change", "message"), FORGED)
+def test_files_that_contradict_each_other_are_found(copy, capsys, layout, name, change, message):
+    out = copy(layout)
+    _forged(out, name, change)
+    assert _verify(out, "--share", "0") == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_count_that_is_not_the_datasets_is_found(copy, capsys):
+    path = copy("shards") / "complete.json"
+    path.write_text(path.read_text().replace('"count": 7', '"count": 8').replace("index.parquet", "records/00000.json"))
+    assert _verify(path.parent, "--share", "0") == 1
+    said = capsys.readouterr().err
+    assert "8 images, 7 are wanted" in said and "names no index.parquet" in said
+
+
+def test_a_changed_picture_differs_from_what_is_rendered_again(copy, capsys, monkeypatch):
+    from synth.dataset import verify
+
+    made = verify.image_files
+    monkeypatch.setattr(verify, "image_files", lambda job, k: tuple((n, c + b" ") for n, c in made(job, k)))
+    assert _verify(copy("folders")) == 1
+    assert "frames/000000.png differs from what is rendered again" in capsys.readouterr().err
+
+
+def test_a_store_that_fails_while_it_is_checked_is_one_line(copy, capsys, monkeypatch):
+    from synth.dataset import verify
+    from synth.dataset.engine import Stopped
+
+    def stops(*_):
+        raise Stopped("a worker process was lost")
+
+    monkeypatch.setattr(verify, "unit_verdict", stops)
+    assert _verify(copy("shards")) == 1
+    assert capsys.readouterr().err.strip() == "error: a worker process was lost"
+
+
+@given(st.integers(0, 2**32), st.integers(1, 64), st.integers(1, 9), st.integers(1, 9))
+def test_bits_come_back_from_masks(seed, count, height, width):
+    rng = np.random.default_rng(seed)
+    bits = rng.integers(0, 2**63, (height, width), dtype=np.uint64) & np.uint64(2 ** min(count, 63) - 1)
+    assert (bits_of_texts(masks_of_bits(bits, count), (height, width)) == bits).all()
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (("4", "5"), "texts\\[1\\]: is no mask of 2 x 2"),
+        (("4", ""), "no compressed mask"),
+        (("4", "!"), "no compressed mask"),
+        (("4", "P"), "no compressed mask"),
+        (("PPPPPPPP0",), "takes 9 characters"),
+        (("6N",), "is no mask of"),
+    ],
+)
+def test_damaged_masks_are_refused(texts, message):
+    assert bits_of_texts((), (2, 2)).tolist() == [[0, 0], [0, 0]]
+    with pytest.raises(ValueError, match=message):
+        bits_of_texts(texts, (2, 2))
+
+
 def _good():
-    return decoded("0", encoded(labelled_double(3), Labels(image="png")).files)
+    return checked("0", encoded(labelled_double(3), Labels(image="png")).files)
 
 
 def test_labels_of_the_double_break_no_rule():
     for seed in range(5):
         files = encoded(labelled_double(seed, hands=seed % 3), Labels(image="png")).files
-        assert broken_rules(decoded("0", files)) == ()
+        assert broken_rules(checked("0", files)) == ()
 
 
 def _changed(name, change):
@@ -262,16 +381,19 @@ def _first(found):
 
 
 RULES = [
-    ("part", _set((0, 0), 99), "part 99 of"),
-    ("depth", lambda a, image: a.__setitem__(_first(image.part >= 0), np.inf), "foreground of depth"),
-    ("normal", lambda a, image: a.__setitem__(_first(image.part < 0), 1.0), "foreground of normals"),
-    ("flow", lambda a, image: a.__setitem__(_first(image.part < 0), 1.0), "background flows"),
-    ("amodal", lambda a, image: a.__setitem__(_first(image.part < 0), 1), "union of amodal"),
-    ("amodal", lambda a, image: a.__setitem__(_first(image.part == 0), 2), "not inside its amodal mask"),
+    ("part", _set((0, 0), 99), "part 98 of"),
+    ("depth", lambda a, image: a.__setitem__(_first(image.part > 0), False), "foreground of depth"),
+    ("normal", lambda a, image: a.__setitem__(_first(image.part == 0), True), "foreground of normals"),
+    ("amodal", lambda a, image: a.__setitem__(_first(image.part == 0), 1), "union of amodal"),
+    ("amodal", lambda a, image: a.__setitem__(_first(image.part == 1), 2), "not inside its amodal mask"),
     ("visible_area", _set(0, 1e9), "areas do not rise"),
     ("fraction", lambda a, image: a.__setitem__(_first(image.amodal_area > 0), np.nan), "fraction is given where"),
     ("fraction", lambda a, image: a.__setitem__(_first(image.amodal_area > 50), 0.123), "not visible over amodal"),
-    ("visible_area", lambda a, image: a.__setitem__(int(image.part.max()), 0.0), "seen but has no visible area"),
+    (
+        "visible_area",
+        lambda a, image: a.__setitem__(int(np.bincount(image.part[image.part > 0]).argmax()) - 1, 0.0),
+        "seen but has no visible area",
+    ),
     ("visibility", _set((0, 0), 3), "none of 0, 1, 2"),
     ("hidden_by", lambda a, image: a.__setitem__(_first(image.visibility == 2), 5), "not hidden by something"),
     ("keypoint", lambda a, image: a.__setitem__(_first(image.visibility == 2), -3.0), "the image's edge"),

@@ -122,7 +122,7 @@ def _motions(scene: SceneFile, file: HandFile, pair):
 
     path = scene.file(file.pose.file or "")
     sides = ("right", "left")
-    return tuple(joint_motion(path, hand.model, side, scene.fps) for hand, side in zip(pair, sides, strict=True))
+    return tuple(joint_motion(path, hand, scene.fps, side) for hand, side in zip(pair, sides, strict=True))
 
 
 def shot(source: Source, index: int) -> Shot:

@@ -43,7 +43,7 @@ def natural_pose(model: Model, rng: np.random.Generator, spread: float) -> Float
 
 def _draw(model: Model, rng: np.random.Generator, spread: float, count: int) -> Float[np.ndarray, "n j"]:
     """Poses that need not be clear of themselves."""
-    low, high, finger, end = _ranges(model.joint_names, model.limits.tobytes())
+    low, high, finger, end = joint_ranges(model)
     gesture, mixed = rng.integers(GESTURES.shape[0], size=count), rng.uniform(0.0, 1.0, (count, 1))
     bend = mixed * GESTURES[gesture] + (1.0 - mixed) * rng.uniform(0.0, 0.8, (count, 1))
     bend = np.clip(bend + 0.08 * rng.standard_normal((count, 5)), 0.0, 1.0)
@@ -54,9 +54,13 @@ def _draw(model: Model, rng: np.random.Generator, spread: float, count: int) -> 
     return inside_limits(model, q + share * (rng.uniform(low, high, q.shape) - q))
 
 
+def joint_ranges(model: Model):
+    """Limits (half a turn to each side where there are none), finger that each joint bends (-1: none), and its end."""
+    return _ranges(model.joint_names, model.limits.tobytes())
+
+
 @lru_cache(maxsize=32)
 def _ranges(names: tuple[str, ...], limits: bytes):
-    """Limits (a full turn where there are none), finger that bends each joint (-1: none), and where bending ends."""
     given = np.frombuffer(limits).reshape(-1, 2)
     low, high = np.where(np.isfinite(given), given, [-math.pi, math.pi]).T
     parts = [name.partition("_") for name in names]

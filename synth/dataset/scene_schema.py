@@ -18,7 +18,7 @@ MOST_PIXELS = 4096
 def _range(low: float = -math.inf, high: float = math.inf, whole: bool = False) -> Any:
     """Type of a range whose numbers lie in low..high."""
 
-    def check(value: float | list[float]) -> tuple[float, float]:
+    def check(value: Any) -> tuple[float, float]:
         a, b = value if isinstance(value, list) else (value, value)
         if not (low <= a <= b <= high):
             limits = f" within {low:g}..{high:g}" if math.isfinite(low) or math.isfinite(high) else ""
@@ -36,7 +36,7 @@ Share = _range(0.0, 1.0)
 Positive = _range(1e-3)
 NotNegative = _range(0.0)
 Level = _range(0.0, 255.0)
-Count = _range(0, 12, whole=True)
+Count = _range(0.0, 12.0, whole=True)
 Pixels = Annotated[int, Field(ge=16, le=MOST_PIXELS)]
 Textures = Annotated[list[Literal["plain", "noise", "stripes", "checker"]], Field(min_length=1)]
 
@@ -132,7 +132,7 @@ class OccluderFile(Strict):
 class LightsFile(Strict):
     """`lights:`"""
 
-    count: _range(0, 8, whole=True) = (1, 3)
+    count: _range(0.0, 8.0, whole=True) = (1, 3)
     ambient: _range(0.0, 1.0) = (0.2, 0.4)
     strength: NotNegative = (0.3, 0.8)
     colour: Share = (0.0, 0.2)  # how far from white

@@ -11,7 +11,6 @@ import numpy as np
 
 from handtrack.errors import InputError
 
-from .decode import decoded
 from .engine import Engine
 from .job import INDEX, Job, image_files, rows_name, unit_rows
 from .masks import mask_of_text
@@ -28,7 +27,7 @@ from .record import (
     read_unit,
     record_name,
 )
-from .rules import broken_rules
+from .rules import broken_rules, checked
 from .sample_files import piece_entries, stored_images
 from .store import Store, digest, names, place, read
 
@@ -177,7 +176,7 @@ def _looked_at(store: Store, layout: Layout, job: Job | None, again: Sequence[in
     for image in stored_images(store, layout, record, rows):
         if image.labels is not None:
             labels += 1
-            problems += [f"image {image.key}: {line}" for line in broken_rules(decoded(image.key, image.labels))]
+            problems += [f"image {image.key}: {line}" for line in broken_rules(checked(image.key, image.labels))]
         if job is not None and image.index in wanted:
             rendered += 1
             problems += _differs(image.key, image_files(job, image.index), dict(image.files))
@@ -201,8 +200,10 @@ def _pieces(store: Store, unit: Unit) -> tuple[int, list[str]]:
         if kind == "i":
             images += 1
             continue
-        size = entry["segmentation"]["size"]
-        modal, amodal = (mask_of_text(entry[n]["counts"], size) for n in ("segmentation", "amodal_segmentation"))
+        height, width = entry["segmentation"]["size"]
+        modal, amodal = (
+            mask_of_text(entry[n]["counts"], (height, width)) for n in ("segmentation", "amodal_segmentation")
+        )
         what = f"annotation {entry['id']}"
         if modal.sum() != entry["area"]:
             problems.append(f"{what}: its mask has {modal.sum()} pixels, its area is {entry['area']}")

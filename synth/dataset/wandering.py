@@ -27,7 +27,7 @@ def wandering(rng: np.random.Generator, translation: float, rotation: float) -> 
     return Wandering(amplitude, frequency, phase)
 
 
-def offset(path: Wandering, frame: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+def offset(path: Wandering, frame: int) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
     """Turn and shift at a frame, against the middle of the wandering."""
     if not path.amplitude.any():
         return np.eye(3), np.zeros(3)
