@@ -157,6 +157,11 @@ def test_the_first_word_is_a_scene_unless_it_is_a_command(capsys):
     assert "uri" in capsys.readouterr().err
 
 
+def test_a_page_is_written(whole, tmp_path, capsys):
+    assert main(["dataset", "browse", str(whole / "shards"), "--out", str(tmp_path / "page.html"), "--count", "2"]) == 0
+    assert capsys.readouterr().out.strip() == f"{tmp_path / 'page.html'}: 2 images"
+
+
 def test_nothing_is_no_dataset(tmp_path, capsys):
     assert _verify(tmp_path) == 2
     assert "a dataset of `handtrack dataset` was wanted" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """`handtrack bench`: nothing in; times of the parts beside those of their plain twins out, in the same run."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -12,21 +14,35 @@ def bench(
     memory_frames: Annotated[
         int, typer.Option(min=0, help="Frames to track for the growth of memory, 3 ms each; 0 for none.")
     ] = 0,
+    surface: Annotated[
+        Path | None, typer.Option(help="Skinned hand mesh (.glb), to time labelled images of it too.")
+    ] = None,
+    dataset_images: Annotated[
+        int, typer.Option(min=0, help="Images of a dataset to make with one and with two processes; 0 for none.")
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False,
 ) -> None:
-    """Timings after warm-up, on one thread: tracking, renderer, profiles, kinematics."""
+    """Timings after warm-up, on one thread: tracking, renderer, profiles, kinematics, labelled images."""
+    from .dataset_timings import Rate, rates
+    from .label_timings import labels
     from .memory import growth_mb
     from .timings import measure_all
 
     note("warming up: compiling and tracking once")
     results = measure_all(frames)
+    made: list[Rate] = []
+    with TemporaryDirectory() as folder:
+        results += labels(frames // 2, surface, Path(folder))
+        if dataset_images:
+            note(f"making a dataset of {dataset_images} images, with two processes and with one")
+            made = rates(dataset_images, Path(folder))
     grown = None
     if memory_frames:
         note(f"tracking {memory_frames} frames")
         grown = growth_mb(memory_frames)
     if as_json:
         more = [] if grown is None else [{"name": f"memory over {memory_frames} frames", "grown_mb": grown}]
-        say_json([*(result.as_data() for result in results), *more])
+        say_json([*(result.as_data() for result in [*results, *made]), *more])
         return
     rows = [
         [
@@ -39,5 +55,7 @@ def bench(
         for r in results
     ]
     say(table(["what", "ms", "against", "ms", "times"], rows))
+    for rate in made:
+        say(rate.as_line())
     if grown is not None:
         say(f"memory over {memory_frames} frames: {grown:+.1f} MB")

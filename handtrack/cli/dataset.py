@@ -113,10 +113,14 @@ def verify(
 def browse(
     uri: Annotated[str, typer.Argument(help="Folder, or s3://bucket/prefix.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Page to write.")] = Path("dataset.html"),
-    count: Annotated[int, typer.Option(min=1, help="Images on the contact sheet.")] = 48,
+    count: Annotated[int, typer.Option(min=1, max=400, help="Images on the contact sheet.")] = 48,
     seed: Annotated[int, typer.Option(min=0, help="Decides which images.")] = 1,
+    storage_option: _Options = None,
 ) -> None:
     """Write a page to look at: a contact sheet with labels drawn, and distributions of occlusion, pose and view."""
     from .dataset_browse import browse as written
+    from .dataset_making import needed
 
-    written(uri, out, count, seed)
+    needed()
+    shown = written(uri, out, count, seed, tuple(storage_option or ()))
+    say(f"{out}: {shown} images")
