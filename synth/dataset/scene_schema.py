@@ -18,11 +18,11 @@ MOST_PIXELS = 4096
 def _range(low: float = -math.inf, high: float = math.inf, whole: bool = False) -> Any:
     """Type of a range whose numbers lie in low..high."""
 
-    def check(value: Any) -> tuple[float, float]:
+    def check(value: Any) -> Any:
         a, b = value if isinstance(value, list) else (value, value)
         if not (low <= a <= b <= high):
             limits = f" within {low:g}..{high:g}" if math.isfinite(low) or math.isfinite(high) else ""
-            raise PydanticCustomError("range", "wanted: a number or [low, high]{limits}", {"limits": limits})
+            raise PydanticCustomError("range", "a number or [low, high]{limits}", {"limits": limits})
         return a, b
 
     number = int if whole else float
