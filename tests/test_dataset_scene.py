@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from handtrack.kinematics.model import Model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_hand import glb, made_hand
@@ -15,6 +14,7 @@ from pydantic import BaseModel
 
 from handtrack.camera import project_camera
 from handtrack.errors import InputError
+from handtrack.kinematics.tree import Model
 from synth.dataset.draw import Source, prepare, shot
 from synth.dataset.scene_file import SceneFile, read_scene
 from synth.dataset.scene_schema import SceneSchema
