@@ -1,5 +1,6 @@
 """Claims about the page that shows a dataset, and about the command that writes it."""
 
+import json
 import re
 from dataclasses import replace
 from typing import Any
@@ -10,13 +11,25 @@ from labelled_double import labelled_double
 
 from handtrack.cli.dataset_browse import browse
 from handtrack.errors import InputError
+from synth.dataset import coco
 from synth.dataset.browse import Tile, browse_page
 from synth.dataset.browse_charts import bars, charts, histogram
-from synth.dataset.browse_layers import depth_colours, flow_colours, layers, normal_colours, part_colour, part_colours
+from synth.dataset.browse_layers import (
+    depth_colours,
+    facts,
+    flow_colours,
+    layers,
+    normal_colours,
+    part_colour,
+    part_colours,
+    part_name,
+)
+from synth.dataset.coco_decode import coco_decoded
 from synth.dataset.decode import decoded
 from synth.dataset.encode import Labels, encoded
 from synth.dataset.folder import frame_files
 from synth.dataset.index import index_bytes, placed, row_of
+from synth.dataset.record import DatasetRecord, dataset_text
 from synth.dataset.shards import shard_bytes, spans_of
 from synth.labels.solids import KEYPOINTS
 
@@ -52,6 +65,57 @@ def test_the_same_images_give_the_same_page_and_another_seed_others(shards, tmp_
         browse(str(shards), tmp_path / name, 3, seed)
         pages.append((tmp_path / name).read_bytes())
     assert pages[0] == pages[1] != pages[2]
+
+
+@pytest.fixture
+def coco_folder(tmp_path):
+    units = [coco.unit_files(IMAGES[k : k + 4], Labels(), k // 4) for k in range(0, 9, 4)]
+    record = DatasetRecord("coco", 3, 9, 4, (), ())
+    files = [file for unit in units for file in unit]
+    files += [("index.parquet", index_bytes(ROWS)), ("dataset.json", dataset_text(record))]
+    for name, content in files:
+        (tmp_path / "coco" / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / "coco" / name).write_bytes(content)
+    return tmp_path / "coco"
+
+
+def test_a_coco_dataset_is_shown(coco_folder, tmp_path):
+    assert browse(str(coco_folder), tmp_path / "page.html", 9, 0) == 9
+    text = (tmp_path / "page.html").read_text()
+    assert text.count("<figure") == 9 and text.count('class="over part"') == 9
+    (coco_folder / "images" / "000000003.jpg").unlink()
+    with pytest.raises(InputError, match="images: has no image 000000003"):
+        browse(str(coco_folder), tmp_path / "page.html", 9, 0)
+
+
+@pytest.mark.parametrize("k", range(9))
+def test_coco_annotations_say_the_same_as_the_labels_of_archives(k):
+    *_, (_, piece) = coco.unit_files([IMAGES[k]], Labels(), 0)
+    entries = [(chr(line[0]), json.loads(line[1:])) for line in piece.splitlines() if line[:1] in (b"h", b"p")]
+    there, here = decoded(SAMPLES[k].key, SAMPLES[k].files), coco_decoded(ROWS[k], IMAGES[k].image, entries)
+    for a, b in zip(named_masks(there), named_masks(here), strict=True):
+        assert a.keys() == b.keys()
+        assert all(np.array_equal(a[name], b[name]) for name in a)
+    assert np.array_equal(there.visibility, here.visibility)
+    inside = there.visibility > 0
+    np.testing.assert_array_equal(there.keypoint[inside], here.keypoint[inside])
+    for hand, point in zip(*np.nonzero(there.hidden_by >= 0), strict=True):
+        names = [part_name(image, int(image.hidden_by[hand, point])) for image in (there, here)]
+        assert names[0] == names[1]
+    assert facts(here).count("<table") == facts(there).count("<table")
+
+
+def named_masks(image):
+    """Modal and amodal masks that are not empty, by instance and name."""
+    names = list(zip(image.parts.instance.tolist(), image.parts.name, strict=True))
+    modal = {name: image.part == i for i, name in enumerate(names) if (image.part == i).any()}
+    amodal = {name: image.amodal >> np.uint64(i) & np.uint64(1) for i, name in enumerate(names) if name in modal}
+    return modal, amodal
+
+
+def test_annotations_of_something_else_are_refused():
+    with pytest.raises(InputError, match=f"annotations of image {ROWS[0].key}: 'part_visible_fraction'"):
+        coco_decoded(ROWS[0], IMAGES[0].image, [("h", {"id": 1, "category_id": 1})])
 
 
 def test_a_folder_of_sequences_shows_the_same_labels(shards, tmp_path):

@@ -2,13 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from synth.dataset.browse import Tile, browse_page
-from synth.dataset.decode import decoded
+from synth.dataset.coco_decode import coco_decoded
+from synth.dataset.decode import decoded, image_of
 from synth.dataset.folder import frame_names
 from synth.dataset.index import Row, read_index
+from synth.dataset.plan import units
+from synth.dataset.record import DATASET, DatasetRecord, read_dataset
+from synth.dataset.sample_files import piece_entries
 from synth.dataset.shards import members_of
 from synth.dataset.store import Store, open_store, place, read
 
@@ -25,7 +30,7 @@ def browse(uri: str, out: Path, count: int, seed: int, options: Sequence[str] = 
     Parameters
     ----------
     uri : str
-        Folder or object store of shards or sequence folders.
+        Folder or object store of any layout.
     count : int
         Images to show, 1 to 400; fewer where the dataset has fewer.
     seed : int
@@ -48,15 +53,47 @@ def browse(uri: str, out: Path, count: int, seed: int, options: Sequence[str] = 
     store = open_store(uri, options)
     rows = _index(store)
     number = np.sort(np.random.default_rng(seed).choice(len(rows), min(count, len(rows)), replace=False))
-    tiles = []
-    for k in number.tolist():
-        files = _files(store, rows[k])
-        picture = next((file for file in files if file[0].startswith("image.")), None)
-        labels = decoded(rows[k].key, files)
-        if picture is not None:
-            tiles.append(Tile(labels, picture))
+    chosen = [rows[k] for k in number.tolist()]
+    record = _record(store)
+    tiles = (
+        _coco_tiles(store, record, chosen)
+        if record is not None and record.layout == "coco"
+        else [tile for row in chosen if (tile := _tile(store, row))]
+    )
     write_text(Path(out), browse_page(uri.rstrip("/").rpartition("/")[2], tiles, rows))
     return len(tiles)
+
+
+def _record(store: Store) -> DatasetRecord | None:
+    content = _content(store, DATASET)
+    return None if content is None else read_dataset(content, place(store, DATASET))
+
+
+def _tile(store: Store, row: Row) -> Tile | None:
+    files = _files(store, row)
+    picture = next((file for file in files if file[0].startswith("image.")), None)
+    labels = decoded(row.key, files)
+    return None if picture is None else Tile(labels, picture)
+
+
+def _coco_tiles(store: Store, record: DatasetRecord, chosen: Sequence[Row]) -> list[Tile]:
+    """Tiles of a dataset whose annotations are those of COCO."""
+    tiles = []
+    for unit in units(record.count, record.unit_size):
+        rows = {row.index: row for row in chosen if unit.first <= row.index < unit.first + unit.count}
+        entries: dict[int, list[tuple[str, Any]]] = {index: [] for index in rows}
+        for kind, entry in piece_entries(store, unit) if rows else ():
+            entries.get(entry["id" if kind == "i" else "image_id"], []).append((kind, entry))
+        for index, row in rows.items():
+            name = next((str(entry["file_name"]) for kind, entry in entries[index] if kind == "i"), None)
+            content = None if name is None else _content(store, f"images/{name}")
+            if content is None:
+                raise InputError(f"{place(store, 'images')}: has no image {row.key}")
+            picture = (f"image.{name.rpartition('.')[2]}", content)
+            tiles.append(
+                Tile(coco_decoded(row, image_of(row.key, *picture, (row.height, row.width)), entries[index]), picture)
+            )
+    return tiles
 
 
 def _index(store: Store) -> tuple[Row, ...]:

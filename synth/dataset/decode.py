@@ -51,7 +51,7 @@ class Decoded:
     amodal_box: Float[np.ndarray, "i 4"]
     joint_names: tuple[tuple[str, ...], ...]
     angles: tuple[Float[np.ndarray, " j"], ...]
-    camera: Camera
+    camera: Camera | None
     index: int
     sequence: int
     frame: int
@@ -116,9 +116,20 @@ def camera_of(entry: dict[str, Any]) -> Camera:
     return perspective(*size, float(entry["fx"]), float(entry["fy"]), *centre, R, t, bend)
 
 
+def image_of(key: str, name: str, content: bytes, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
+    """Red, green and blue of a colour image.
+
+    Raises
+    ------
+    InputError
+        If it is none, or not of that size.
+    """
+    return np.ascontiguousarray(_picture(key, name, content, (*size, 3), np.uint8)[..., ::-1])
+
+
 def _pictures(key: str, by: dict[str, bytes], name: str, size: tuple[int, int], unit: float):
     """Image, depth, normals, parts, flow."""
-    image = _picture(key, name, by[name], (*size, 3), np.uint8)[..., ::-1]
+    image = image_of(key, name, by[name], size)
     depth = normal = part = flow = None
     if "depth.png" in by:
         steps = _picture(key, "depth.png", by["depth.png"], size, np.uint16)
@@ -131,7 +142,7 @@ def _pictures(key: str, by: dict[str, bytes], name: str, size: tuple[int, int], 
         part = _picture(key, "part.png", by["part.png"], size, np.uint8).astype(np.int16) - 1
     if "flow.png" in by:
         flow = _flow(_picture(key, "flow.png", by["flow.png"], (*size, 3), np.uint16), part)
-    return np.ascontiguousarray(image), depth, normal, part, flow
+    return image, depth, normal, part, flow
 
 
 def _flow(steps: np.ndarray, part: np.ndarray | None) -> Float[np.ndarray, "h w 2"]:
