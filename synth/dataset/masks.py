@@ -22,18 +22,27 @@ def masks_of_bits(bits: UInt64[np.ndarray, "h w"], count: int) -> tuple[str, ...
     >>> masks_of_bits(np.array([[0, 1], [2, 3]], np.uint64), 2)
     ('22', '1110')
     """
-    x = bits.T.ravel()
-    at = np.flatnonzero(x[1:] != x[:-1]) + 1
-    at = at if not x[:1].any() else np.concatenate([[0], at])
-    changed = x[at] ^ np.where(at > 0, x[at - 1], np.uint64(0))
+    changed, at = _changes(bits)
     keys = []
     while changed.any():  # a bit at a time: few places change more than two
         kept = changed != 0
         at, changed = at[kept], changed[kept]
         lowest = changed & (~changed + np.uint64(1))
-        keys.append((np.frexp(lowest.astype(float))[1] - 1).astype(np.int64) * x.size + at)
+        keys.append((np.frexp(lowest.astype(float))[1] - 1).astype(np.int64) * bits.size + at)
         changed = changed ^ lowest
-    return _texts(np.concatenate([np.zeros(0, np.int64), *keys]), count, x.size)
+    return _texts(np.concatenate([np.zeros(0, np.int64), *keys]), count, bits.size)
+
+
+def _changes(bits: UInt64[np.ndarray, "h w"]) -> tuple[UInt64[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Bits that differ from those of the pixel before, column by column, and where: in any order."""
+    height, width = bits.shape
+    before = np.zeros_like(bits)
+    before[1:] = bits[:-1]
+    before[0, 1:] = bits[-1, :-1]
+    differ = bits ^ before
+    at = np.flatnonzero(differ)
+    row, column = np.divmod(at, width)
+    return differ.ravel()[at], column * height + row
 
 
 def masks_of_numbers(number: Int[np.ndarray, "h w"], count: int) -> tuple[str, ...]:

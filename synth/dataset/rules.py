@@ -110,8 +110,9 @@ def _foreground(image: Checked) -> list[str]:
     if image.amodal is not None:
         if ((image.amodal != 0) != seen).any():
             out.append("the union of amodal masks is not the foreground")
-        own = np.append(np.uint64(0), np.uint64(1) << np.arange(image.instance.size, dtype=np.uint64))[part]
-        if (image.amodal & own != own).any():
+        at = np.flatnonzero(seen)
+        own = np.uint64(1) << (part.ravel()[at] - 1).astype(np.uint64)
+        if (image.amodal.ravel()[at] & own == 0).any():
             out.append("a modal mask is not inside its amodal mask")
     return out
 
