@@ -14,36 +14,59 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from .cell_room import Boxes, distance_to
 from .people import RIGHT, Body, arm_angles, elbow_at, shoulders, trunk_axes, within_limits
 
+MOST_LEAN, ALWAYS, TWIST = 36.0, math.radians(3.0), 0.6  # degrees; radians; of the lean
+FREE = 3  # swivel angles that are left everywhere on a way
 REACH = 0.93  # share of the arm's length that the trunk leans for
 SPARE = 0.012  # metres kept from the furniture while planning
+WANDERING = 0.012  # more that ways keep, because the wrist will wander about them
 CLEAR = 0.003  # metres kept in the end
+SMOOTH = (0.1, 0.06, 0.03)  # seconds over which a path of swivel angles is made smooth, the first that fits
 LIMIT_SPARE = math.radians(2.0)
 SWIVELS = np.radians(np.arange(-60.0, 121.0, 6.0))
 NOMINAL = math.radians(22.0)
-_SPREAD, _PACE, _MOST_STEP = math.radians(25.0), math.radians(3.0), 2
+_SPREAD, _PACE, _MOST_STEP = math.radians(25.0), math.radians(3.0), 3
 _SAMPLES = (5, 9, 5)  # spheres along the upper arm's lower end, forearm and hand
 
 
-def lean_for(
-    body: Body,
-    pelvis: Float[np.ndarray, "f 3"],
-    wrist: Float[np.ndarray, "f 3"],
-    fps: float,
-) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
-    """Lean and twist that bring the right wrist within reach, radians: the least that does, spread over half a second.
-
-    Reaching with the right arm turns the trunk to the left, by 0.6 of the lean.
-    """
-    grid = np.radians(np.arange(0.0, 41.0, 1.0))
-    axes = trunk_axes(grid, 0.6 * grid)
-    gap = np.stack(
-        [np.linalg.norm(wrist - shoulders(body, pelvis, ax)[:, RIGHT], axis=1) for ax in axes], axis=1
-    )  # (f, grid)
+def _least_lean(
+    body: Body, pelvis: Float[np.ndarray, "n 3"], wrist: Float[np.ndarray, "n 3"], turn: float
+) -> Float[np.ndarray, " n"]:
+    """Least lean, radians, that brings the right wrist within reach, or as near as it can."""
+    grid = np.radians(np.arange(0.0, MOST_LEAN, 1.0))
+    leaning = [
+        shoulders(body, pelvis, np.broadcast_to(ax, (pelvis.shape[0], 3, 3)))[:, RIGHT]
+        for ax in trunk_axes(grid, turn + TWIST * grid)
+    ]
+    gap = np.stack([np.linalg.norm(wrist - shoulder, axis=1) for shoulder in leaning], axis=1)
     near = gap <= REACH * body.arm
-    need = np.where(near.any(axis=1), grid[near.argmax(axis=1)], grid[gap.argmin(axis=1)])
+    return np.where(near.any(axis=1), grid[near.argmax(axis=1)], grid[gap.argmin(axis=1)])
+
+
+def lean_for(
+    body: Body, pelvis: Float[np.ndarray, "f 3"], wrist: Float[np.ndarray, "f 3"], turn: float, fps: float
+) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    """Lean and twist, radians: the least that bring the right wrist within reach, spread over half a second.
+
+    Reaching with the right arm turns the trunk to the left, from the `turn` it stands with.
+    """
     window = 2 * int(0.15 * fps) + 1
-    lean = gaussian_filter1d(maximum_filter1d(need, window), max(0.08 * fps, 0.5)) + math.radians(3.0)
-    return lean, 0.6 * lean
+    need = maximum_filter1d(_least_lean(body, pelvis, wrist, turn), window)
+    lean = gaussian_filter1d(need, max(0.08 * fps, 0.5)) + ALWAYS
+    return lean, turn + TWIST * lean
+
+
+def reachable(body: Body, ways: Float[np.ndarray, "w s 3"], turn: float, boxes: Boxes) -> Bool[np.ndarray, " w"]:
+    """Whether the right wrist may go ways through the cell: within reach, and with room for the elbow everywhere."""
+    wrist = ways.reshape(-1, 3)
+    pelvis = np.repeat([[0.0, 0.0, body.hip_height]], wrist.shape[0], axis=0)
+    least = _least_lean(body, pelvis, wrist, turn).reshape(ways.shape[:2])
+    # the trunk leans before the hand needs it: a reach of 0.7 s has a place every 0.1 s in its middle
+    lean = maximum_filter1d(least, 3, axis=1).reshape(-1) + ALWAYS
+    axes = trunk_axes(lean, turn + TWIST * lean)
+    shoulder = shoulders(body, pelvis, axes)[:, RIGHT]
+    fits = np.linalg.norm(wrist - shoulder, axis=1) <= (REACH + 0.02) * body.arm
+    fits &= _allowed(body, shoulder, axes, wrist, RIGHT, boxes, SPARE + WANDERING).sum(axis=1) >= FREE
+    return fits.reshape(ways.shape[:2]).all(axis=1)
 
 
 def arm_spheres(
@@ -102,11 +125,13 @@ def plan_swivel(
     path = _cheapest(cost)
     if path is None:
         return None
-    swivel = gaussian_filter1d(SWIVELS[path], max(0.1 * fps, 0.5))
-    elbow = elbow_at(body, shoulder, wrist, axes, swivel, side)
-    fits = arm_fits(body, shoulder, elbow, wrist, boxes, CLEAR)
-    fits &= within_limits(arm_angles(shoulder, elbow, wrist, axes, side))
-    return swivel if fits.all() else None
+    for width in SMOOTH:
+        swivel = gaussian_filter1d(SWIVELS[path], max(width * fps, 0.3))
+        elbow = elbow_at(body, shoulder, wrist, axes, swivel, side)
+        fits = arm_fits(body, shoulder, elbow, wrist, boxes, CLEAR)
+        if (fits & within_limits(arm_angles(shoulder, elbow, wrist, axes, side))).all():
+            return swivel
+    return None
 
 
 def _allowed(
@@ -116,6 +141,7 @@ def _allowed(
     wrist: Float[np.ndarray, "f 3"],
     side: int,
     boxes: Boxes,
+    spare: float = SPARE,
 ) -> Bool[np.ndarray, "f k"]:
     f, k = wrist.shape[0], SWIVELS.size
     s3, w3 = (np.broadcast_to(v[:, None], (f, k, 3)) for v in (shoulder, wrist))
@@ -123,13 +149,13 @@ def _allowed(
     elbow = elbow_at(body, s3, w3, ax, np.broadcast_to(SWIVELS, (f, k)), side)
     allowed = within_limits(arm_angles(s3, elbow, w3, ax, side), LIMIT_SPARE)
     at = np.flatnonzero(allowed)
-    flat = (v.reshape(-1, 3)[at] for v in (s3, elbow, w3))
-    allowed.reshape(-1)[at] = arm_fits(body, *flat, boxes, SPARE)
+    a, b, c = (v.reshape(-1, 3)[at] for v in (s3, elbow, w3))
+    allowed.reshape(-1)[at] = arm_fits(body, a, b, c, boxes, spare)
     return allowed
 
 
 def _cheapest(cost: Float[np.ndarray, "f k"]) -> Int[np.ndarray, " f"] | None:
-    """Indices of the path of least cost that steps at most two columns a frame."""
+    """Indices of the path of least cost that steps at most `_MOST_STEP` columns a frame."""
     f, k = cost.shape
     column = np.arange(k)
     step = column[:, None] - column

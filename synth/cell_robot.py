@@ -13,8 +13,8 @@ from jaxtyping import Float
 from .cell_motion import BEHIND_ROBOT, Tasks, minimum_jerk, smooth_noise
 
 LINKS = ("column", "upper", "fore")
-SHARE = 0.6
-EARLY, LATE = 0.55, 0.35  # seconds that the robot is in place before the hand arrives, and stays after it departs
+SHARE = 0.94
+EARLY, LATE = 0.25, 0.15  # seconds that the robot is in place before the hand arrives, and stays after it departs
 SWING = 0.75  # seconds to get there and to park
 
 
@@ -33,8 +33,8 @@ def random_robot(rng: np.random.Generator) -> Robot:
     """A robot on the floor beyond the table, to the person's left."""
     foot = np.array([rng.uniform(-0.85, -0.6), rng.uniform(1.2, 1.35), 0.0])
     height = rng.uniform(0.95, 1.1)
-    park = foot + [rng.uniform(-0.3, 0.0), rng.uniform(0.3, 0.5), height + rng.uniform(0.3, 0.5)]
-    length, radius = rng.uniform([0.5, 0.6], [0.6, 0.7]), rng.uniform([0.08, 0.07, 0.075], [0.1, 0.08, 0.095])
+    park = foot + np.array([rng.uniform(-0.3, 0.0), rng.uniform(0.3, 0.5), height + rng.uniform(0.3, 0.5)])
+    length, radius = rng.uniform([0.5, 0.52], [0.6, 0.6]), rng.uniform([0.08, 0.07, 0.075], [0.1, 0.08, 0.095])
     return Robot(foot, park, height, length, radius)
 
 
@@ -42,17 +42,17 @@ def led_point(
     rng: np.random.Generator, robot: Robot, tasks: Tasks, eye: Float[np.ndarray, " 3"], frames: int, fps: float
 ) -> Float[np.ndarray, "f 3"]:
     """Where the fore link is led, in the cell's frame; it drifts by a centimetre."""
-    out = np.repeat(robot.park[None], frames, axis=0)
+    moved, shares = np.zeros((frames, 3)), np.zeros((frames, 1))
     number = np.arange(frames, dtype=float)
     for i in np.flatnonzero(tasks.kind == BEHIND_ROBOT):
         toward = eye - tasks.target[i]
-        place = tasks.target[i] + rng.uniform(0.33, 0.5) * toward / np.linalg.norm(toward)
+        place = tasks.target[i] + rng.uniform(0.36, 0.52) * toward / np.linalg.norm(toward)
         _, arrive, depart, _ = tasks.frames[i]
         first, last = arrive - EARLY * fps, depart + LATE * fps
         there = minimum_jerk((number - first + SWING * fps) / (SWING * fps))
-        share = np.minimum(there, 1.0 - minimum_jerk((number - last) / (SWING * fps)))
-        out += share[:, None] * (place - robot.park)
-    return out + 0.01 * smooth_noise(rng, frames, 0.4 * fps, 3)
+        share = np.minimum(there, 1.0 - minimum_jerk((number - last) / (SWING * fps)))[:, None]
+        moved, shares = moved + share * (place - robot.park), shares + share
+    return robot.park + moved / np.maximum(shares, 1.0) + 0.01 * smooth_noise(rng, frames, 0.4 * fps, 3)
 
 
 def links_of(robot: Robot, led: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3 2 3"]:
@@ -62,7 +62,7 @@ def links_of(robot: Robot, led: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "
     >>> links_of(robot, np.array([[0.6, 0.0, 1.0]])).shape
     (1, 3, 2, 3)
     """
-    shoulder = robot.foot + [0.0, 0.0, robot.height]
+    shoulder = robot.foot + np.array([0.0, 0.0, robot.height])
     first, second = robot.length[0], SHARE * robot.length[1]
     line = led - shoulder
     size = np.linalg.norm(line, axis=1)

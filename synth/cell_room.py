@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ._kernels.boxes import box_distance
+
 # Corners of a cube, and its twelve triangles turned outward.
 _CORNERS = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
 _FACES = np.array(
@@ -67,11 +69,12 @@ class Shelf:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Furniture:
-    """The still cell: all its boxes, the shelf, height of the table, and the tops of the boxes on it (n, 3)."""
+    """The still cell: all its boxes, the shelf, height and front edge of the table, tops of near boxes (n, 3)."""
 
     boxes: Boxes
     shelf: Shelf
     table: float
+    front: float
     tops: Float[np.ndarray, "n 3"]
 
 
@@ -87,7 +90,7 @@ def random_furniture(rng: np.random.Generator) -> Furniture:
         ((rng.uniform(1.6, 2.6), 0.0, 1.3), (0.05, 4.0, 1.3), 0.0),
         ((0.0, rng.uniform(-2.2, -1.2), 1.3), (4.0, 0.05, 1.3), 0.0),
     ]
-    return Furniture(_boxes([*floor_and_walls, *table, *shelf_boxes, *things]), shelf, height, tops)
+    return Furniture(_boxes([*floor_and_walls, *table, *shelf_boxes, *things]), shelf, height, front, tops)
 
 
 _Box = tuple[tuple[float, float, float], tuple[float, float, float], float]
@@ -118,16 +121,15 @@ def _shelf(rng: np.random.Generator, height: float, front: float) -> tuple[Shelf
     levels = int(rng.integers(2, 4))
     clear = rng.uniform(0.24, 0.31, levels) if levels == 2 else rng.uniform(0.22, 0.26, levels)
     floors = board + np.concatenate([[0.0], np.cumsum(clear[:-1] + board)])
-    width, depth, turn = rng.uniform(0.34, 0.46), rng.uniform(0.30, 0.38), math.radians(rng.uniform(-12.0, 8.0))
-    corner = np.array([rng.uniform(0.17, 0.26), front + rng.uniform(0.10, 0.15), height])
+    width, depth, turn = rng.uniform(0.32, 0.42), rng.uniform(0.28, 0.36), math.radians(rng.uniform(-12.0, 8.0))
+    corner = np.array([rng.uniform(0.16, 0.22), front + rng.uniform(0.09, 0.13), height])
     shelf = Shelf(corner, turn, width, depth, floors, clear)
     tall = float(floors[-1] + clear[-1] + board)
     right, deep, up = np.array([math.cos(turn), math.sin(turn), 0.0]), shelf.inward, np.array([0.0, 0.0, 1.0])
     parts = [(-0.5 * board, 0.5 * depth, 0.5 * tall, board, depth, tall)]
     parts.append((width + 0.5 * board, 0.5 * depth, 0.5 * tall, board, depth, tall))
     parts.append((0.5 * width, depth + 0.5 * board, 0.5 * tall, width + 2.0 * board, board, tall))
-    for top in [*floors, tall]:
-        parts.append((0.5 * width, 0.5 * depth, float(top) - 0.5 * board, width, depth, board))
+    parts += [(0.5 * width, 0.5 * depth, float(top) - 0.5 * board, width, depth, board) for top in [*floors, tall]]
     rows = []
     for a, b, c, x, y, z in parts:
         at = corner + a * right + b * deep + c * up
@@ -136,15 +138,16 @@ def _shelf(rng: np.random.Generator, height: float, front: float) -> tuple[Shelf
 
 
 def _things(rng: np.random.Generator, height: float, front: float) -> tuple[Float[np.ndarray, "n 3"], list[_Box]]:
-    """Boxes side by side on the free part of the table."""
-    count = int(rng.integers(3, 6))
-    slots = np.linspace(-0.52, 0.06, count)
+    """Boxes side by side on the free part of the table; the right hand goes to those before the person."""
+    count = int(rng.integers(4, 6))
+    slots = np.linspace(-0.5, 0.06, count)
     tops, rows = [], []
     for slot in slots:
-        half = rng.uniform([0.035, 0.04, 0.03], [0.055, 0.09, 0.08])
-        x, y = slot + rng.uniform(-0.015, 0.015), front + rng.uniform(0.30, 0.42)
+        half = rng.uniform([0.035, 0.04, 0.015], [0.055, 0.08, 0.05])
+        x, y = slot + rng.uniform(-0.015, 0.015), front + rng.uniform(0.27, 0.36)
         rows.append(((x, y, height + half[2]), tuple(half.tolist()), math.radians(rng.uniform(-15.0, 15.0))))
-        tops.append((x, y, height + 2.0 * half[2]))
+        if slot > -0.22:
+            tops.append((x, y, height + 2.0 * half[2]))
     return np.array(tops), rows
 
 
@@ -171,6 +174,13 @@ def distance_to(boxes: Boxes, p: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, 
     >>> distance_to(cube, np.array([[3.0, 0.0, 0.0], [0.0, 0.5, 0.0]])).tolist()
     [2.0, -0.5]
     """
+    out = np.empty(p.shape[0])
+    box_distance(np.ascontiguousarray(p), boxes.centre, boxes.half, np.cos(boxes.turn), np.sin(boxes.turn), out)
+    return out
+
+
+def distance_to_numpy(boxes: Boxes, p: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """The same as `distance_to` in plain NumPy, one box after the other."""
     out = np.full(p.shape[0], np.inf)
     for i in range(boxes.turn.size):
         q = np.abs(_into(boxes, i, p - boxes.centre[i])) - boxes.half[i]

@@ -88,6 +88,11 @@ class Posture:
     wrist: Float[np.ndarray, "f 2 3"]
     swivel: Float[np.ndarray, "f 2"]
 
+    def cut(self, frames: int) -> "Posture":
+        """The first frames of it."""
+        columns = (self.pelvis, self.lean, self.twist, self.wrist, self.swivel)
+        return Posture(*(column[:frames] for column in columns))
+
 
 def body_of(stature: float) -> Body:
     """A body of average proportions.
@@ -215,7 +220,7 @@ def within_limits(alpha: Float[np.ndarray, "*b 4"], spare: float = 0.0) -> Bool[
     limits = angle_limits(alpha)
     # a straight arm is the end of the range, not a limit to keep away from
     top = limits[..., 1] - spare * np.array([1.0, 1.0, 1.0, 0.0])
-    return ((alpha >= limits[..., 0] + spare) & (alpha <= top)).all(axis=-1)
+    return np.asarray(((alpha >= limits[..., 0] + spare) & (alpha <= top)).all(axis=-1))
 
 
 def keypoints_of(body: Body, posture: Posture) -> Float[np.ndarray, "f 16 3"]:

@@ -4,6 +4,9 @@ Kernels take and return arrays only, never allocate per point, and run in one th
 layer stalls kernels of this size for milliseconds.
 """
 
+from .bvh import build_tree as build_tree
+from .bvh import first_hits as first_hits
+from .depth import nearest_readings as nearest_readings
 from .edges import find_edges as find_edges
 from .edges import refine_shift as refine_shift
 from .edges import search_valleys as search_valleys

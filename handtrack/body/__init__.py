@@ -1,0 +1,1 @@
+"""Skeletons, depth images, rooms and inertial suits in, body poses with their uncertainty out."""

@@ -1,0 +1,255 @@
+"""Particles in, those that cannot be out: what is known of where a wrist may be.
+
+The tests of the wrist thesis, in its order (section 6.3.1); a particle that fails one is not looked at by the next:
+
+* collision: the way from the elbow to the particle, and a bit beyond, meets the room;
+* joint volume: the arm would leave its plane or its range (section 6.2.1);
+* skeletal shell: the particle is not a forearm away from the elbow (section 2.3.1);
+* depth map, in open loop only: the camera sees something behind the particle, so it would have seen the wrist
+  (section 2.3.2). A pixel without a reading takes the nearest one, only where asked.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from .. import _kernels
+from ..camera import Camera, project_camera
+from .environment import RayCaster as RayCaster
+
+TESTS = ("collision", "joint_volume", "shell", "depth")
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """The collision test.
+
+    Attributes
+    ----------
+    caster : RayCaster
+    start : float
+        Metres from the elbow at which rays begin: nearer surfaces are within its own error.
+    clearance : float
+        Metres that the middle of a wrist keeps from a surface, straight ahead.
+    """
+
+    caster: RayCaster
+    start: float = 0.03
+    clearance: float = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointVolume:
+    """Where the forearm can point, given the upper arm (wrist thesis, section 6.2.1).
+
+    Attributes
+    ----------
+    upper : (3,)
+        Unit vector from shoulder to elbow.
+    normal : (3,)
+        Unit normal of the arm's plane, `upper x forearm`, across `upper`.
+    elbow : (float, float)
+        Least and greatest angle inside the elbow, radians; pi is straight.
+    half_thickness : float
+        Radians by which the forearm may leave the plane.
+    """
+
+    upper: Float[np.ndarray, " 3"]
+    normal: Float[np.ndarray, " 3"]
+    elbow: tuple[float, float]
+    half_thickness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shell:
+    """Distances between a joint and its father that are allowed, metres.
+
+    Within them all are equally likely, as in the thesis, or normally distributed about their middle with `sigma`.
+    """
+
+    least: float
+    greatest: float
+    sigma: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """The depth test.
+
+    Attributes
+    ----------
+    depth : (h, w)
+        Metres along z, 0 where there is no reading.
+    camera : Camera
+    margin : float
+        Metres by which a reading has to lie behind a particle, at no distance.
+    noise : float
+        Further metres for each square metre of depth: depth noise grows with the square.
+    reach : int
+        Pixels within which another reading stands for a missing one.
+    """
+
+    depth: Float32[np.ndarray, "h w"]
+    camera: Camera
+    margin: float = 0.02
+    noise: float = 0.006
+    reach: int = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Constraints:
+    """What is tested; None leaves a test out."""
+
+    room: Room | None = None
+    volume: JointVolume | None = None
+    shell: Shell | None = None
+    depth: DepthMap | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survivors:
+    """Which particles live, and how many each of `TESTS` killed."""
+
+    alive: Bool[np.ndarray, " n"]
+    kills: Int[np.ndarray, " 4"]
+
+
+def survivors(
+    p: Float[np.ndarray, "n 3"],
+    father: Float[np.ndarray, " 3"] | None,
+    tests: Constraints,
+    alive: Bool[np.ndarray, " n"] | None = None,
+) -> Survivors:
+    """Put particles through all tests, in their order.
+
+    Parameters
+    ----------
+    p : (n, 3)
+        Metres, camera axes.
+    father : (3,) or None
+        The joint before, for a wrist the elbow; without one only the depth map is asked.
+    alive : (n,), optional
+        Particles to be tested; all if not given.
+    """
+    alive = np.ones(p.shape[0], bool) if alive is None else alive.copy()
+    kills = np.zeros(len(TESTS), int)
+    for k, test in enumerate(_tests(father, tests)):
+        at = np.flatnonzero(alive)
+        if test is None or not at.size:
+            continue
+        dead = at[test(p[at])]
+        alive[dead] = False
+        kills[k] = dead.size
+    return Survivors(alive, kills)
+
+
+def _tests(father: Float[np.ndarray, " 3"] | None, tests: Constraints):
+    """Functions that say which particles fail, in the order of `TESTS`; None for those left out."""
+    room, volume, shell, depth = tests.room, tests.volume, tests.shell, tests.depth
+    return (
+        None if room is None or father is None else lambda p: collides(p, father, room),
+        None if volume is None or father is None else lambda p: outside_volume(p - father, volume),
+        None if shell is None or father is None else lambda p: outside_shell(p - father, shell),
+        None if depth is None else lambda p: contradicted(p, depth),
+    )
+
+
+def collides(p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, " 3"], room: Room) -> Bool[np.ndarray, " n"]:
+    """Whether the way from the father, and `clearance` beyond, meets the room."""
+    way = p - father
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = np.where(length > 0, way / length, 0.0)
+    ahead = np.maximum(length - room.start, 0.0) + room.clearance
+    return room.caster.hits(father + room.start * unit, ahead * unit) <= 1.0
+
+
+def outside_volume(fore: Float[np.ndarray, "n 3"], volume: JointVolume) -> Bool[np.ndarray, " n"]:
+    """Whether forearms (elbow to wrist) leave the arm's plane by more than allowed, or bend the elbow too far.
+
+    A nearly straight forearm may be on the far side of the upper arm by the same angle.
+    """
+    length = np.maximum(np.linalg.norm(fore, axis=1), 1e-12)
+    out = np.abs(fore @ volume.normal) / length
+    inner = fore @ np.cross(volume.normal, volume.upper) / length
+    inside = np.arccos(np.clip(-(fore @ volume.upper) / length, -1.0, 1.0))
+    most = math.sin(min(volume.half_thickness, 0.5 * math.pi))
+    return (out > most) | (inner < -most) | (inside < volume.elbow[0]) | (inside > volume.elbow[1])
+
+
+def outside_shell(way: Float[np.ndarray, "n 3"], shell: Shell) -> Bool[np.ndarray, " n"]:
+    """Whether distances from the father are beyond the shell's."""
+    length = np.linalg.norm(way, axis=1)
+    return (length < shell.least) | (length > shell.greatest)
+
+
+def contradicted(p: Float[np.ndarray, "n 3"], depth: DepthMap) -> Bool[np.ndarray, " n"]:
+    """Whether the camera sees something behind a particle. Off the image, or without any reading, nothing speaks."""
+    out = np.zeros(p.shape[0], bool)
+    uv = project_camera(depth.camera, p)
+    with np.errstate(invalid="ignore"):
+        place = np.rint(uv)
+        on = ((place >= 0) & (place < (depth.camera.width, depth.camera.height))).all(axis=1)
+    at = np.flatnonzero(on)
+    column, row = place[at].astype(np.int64).T
+    reading = _kernels.nearest_readings(
+        depth.depth, np.ascontiguousarray(row), np.ascontiguousarray(column), depth.reach
+    ).astype(float)
+    z = p[at, 2]
+    out[at] = reading > z + depth.margin + depth.noise * z * z
+    return out
+
+
+def nearest_readings_numpy(
+    depth: Float32[np.ndarray, "h w"], row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"], reach: int
+) -> Float32[np.ndarray, " n"]:
+    """Twin of the compiled search: every reading is looked at for every pixel."""
+    out = depth[row, column].copy()
+    y, x = np.nonzero(depth)
+    for i in np.flatnonzero(out == 0):
+        far = (y - row[i]) ** 2 + (x - column[i]) ** 2
+        if far.size and far.min() <= reach * reach:
+            best = int(np.argmin(far))
+            out[i] = depth[y[best], x[best]]
+    return out
+
+
+def volume_at(
+    upper: Float[np.ndarray, " 3"],
+    normal: Float[np.ndarray, " 3"],
+    elbow: tuple[float, float],
+    half_thickness: float,
+) -> JointVolume:
+    """The joint volume of an upper arm, its normal set across the arm again."""
+    upper = upper / np.linalg.norm(upper)
+    across = normal - (normal @ upper) * upper
+    return JointVolume(upper, across / np.linalg.norm(across), elbow, half_thickness)
+
+
+def plane_normal(
+    upper: Float[np.ndarray, " 3"], fore: Float[np.ndarray, " 3"], least: float = 0.25
+) -> Float[np.ndarray, " 3"] | None:
+    """Unit normal of the plane of an arm; None where it is so straight (sine below `least`) that noise decides."""
+    normal = np.cross(upper, fore)
+    size = float(np.linalg.norm(normal))
+    reach = float(np.linalg.norm(upper) * np.linalg.norm(fore))
+    return None if size <= least * reach or size == 0.0 else normal / size
+
+
+def carried(
+    v: Float[np.ndarray, "*n 3"], before: Float[np.ndarray, " 3"], after: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Vectors turned by the least rotation that takes one direction to another.
+
+    Opposite directions have no least rotation: vectors stay as they are.
+
+    >>> carried(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0])).round(9).tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    a, b = before / np.linalg.norm(before), after / np.linalg.norm(after)
+    axis, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1.0 + 1e-9:
+        return v
+    return cosine * v + np.cross(axis, v) + (v @ axis)[..., None] * axis / (1.0 + cosine)
