@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_hand import glb, made_hand
@@ -18,7 +19,7 @@ from handtrack.kinematics.tree import Model
 from synth.dataset.draw import Source, prepare, shot
 from synth.dataset.scene_file import SceneFile, read_scene
 from synth.dataset.scene_schema import SceneSchema
-from synth.labels.bodies import Body, PillHand
+from synth.labels.bodies import Body, PillHand, Rigid
 from synth.labels.shot import Shot, keypoints_at
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -308,6 +309,25 @@ def test_what_is_held_moves_with_the_palm(folder):
     seen = [b[0].placed.R[0].T @ (b[1].placed.t[0] - b[0].placed.t[0]) for b in (first, last)]
     np.testing.assert_allclose(seen[0], seen[1], atol=1e-9)
     assert not np.allclose(first[1].placed.t[0], last[1].placed.t[0], atol=0.1)
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "stl", "glb"])
+def test_an_occluder_may_be_a_mesh_file_of_any_kind(folder, ending):
+    mesh = trimesh.creation.box(extents=(3.0, 2.0, 1.0))
+    mesh.export(folder / f"brick.{ending}")
+    source = source_of(folder, f"occluders: [{{kind: mesh, mesh: brick.{ending}, size: 40}}]")
+    body = shot(source, 0).bodies[1].shape
+    assert isinstance(body, Rigid)
+    np.testing.assert_allclose(np.sort(np.ptp(body.vertices, axis=0)), [40 / 3, 80 / 3, 40], rtol=1e-5)
+
+
+def test_mesh_files_that_are_none_are_refused(folder):
+    (folder / "words.ply").write_text("ply, but not really\n")
+    (folder / "point.obj").write_text("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n")
+    trimesh.PointCloud(np.eye(3)).export(folder / "points.ply")
+    for name, message in (("words", "a mesh is wanted"), ("points", "triangles"), ("point", "one place")):
+        with pytest.raises(InputError, match=message):
+            source_of(folder, f"occluders: [{{kind: mesh, mesh: {name}.{'obj' if name == 'point' else 'ply'}}}]")
 
 
 def test_backgrounds_come_from_the_folder(folder):

@@ -46,8 +46,8 @@ class Settings:
         Standard deviations of the distance from father to joint that the shell is half as thick as.
     fathers, sampling : Sampling
         Of shoulder and elbow, and of the wrist.
-    margin, noise, reach : float, float, int
-        Of the depth test: see `constraints.DepthMap`.
+    margin, noise, reach, limb : float, float, int, tuple of float
+        Of the depth test: see `constraints.DepthMap`, where `limb` is `along` for the forearm.
     start, clearance : float
         Of the collision test: see `constraints.Room`.
     redraws : int
@@ -74,6 +74,7 @@ class Settings:
     margin: float = 0.02
     noise: float = 0.006
     reach: int = 60
+    limb: tuple[float, ...] = (0.4, 0.6, 0.8, 1.0)
     start: float = 0.03
     clearance: float = 0.03
     redraws: int = 4
@@ -143,11 +144,11 @@ def settings_of(variant: Variant) -> Settings:
     """The settings of a variant; `original` is chapter 2 of the thesis, which knows neither of the things added here.
 
     Those are: inferred joints, hidden particles that move along with the elbow, distances in the shell that are not
-    equally likely.
+    equally likely, and the depth map asked along the whole forearm.
     """
     if variant != "original":
         return Settings(variant)
-    return Settings(variant, carry="none", inferred=None, inferred_wrist=None, soft_shell=False)
+    return Settings(variant, carry="none", inferred=None, inferred_wrist=None, soft_shell=False, limb=(1.0,))
 
 
 def begin(settings: Settings) -> ArmState:

@@ -89,6 +89,9 @@ class DepthMap:
         Further metres for each square metre of depth: depth noise grows with the square.
     reach : int
         Pixels within which another reading stands for a missing one.
+    along : tuple of float
+        Shares of the way from the father to the particle: what the camera sees behind the middle of the limb there
+        speaks against the particle too. The thesis looks at its end only.
     """
 
     depth: Float32[np.ndarray, "h w"]
@@ -96,6 +99,7 @@ class DepthMap:
     margin: float = 0.02
     noise: float = 0.006
     reach: int = 60
+    along: tuple[float, ...] = (1.0,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +156,7 @@ def _tests(father: Float[np.ndarray, " 3"] | None, tests: Constraints):
         None if room is None or father is None else lambda p: collides(p, father, room),
         None if volume is None or father is None else lambda p: outside_volume(p - father, volume),
         None if shell is None or father is None else lambda p: outside_shell(p - father, shell),
-        None if depth is None else lambda p: contradicted(p, depth),
+        None if depth is None else lambda p: limb_contradicted(p, father, depth),
     )
 
 
@@ -183,6 +187,18 @@ def outside_shell(way: Float[np.ndarray, "n 3"], shell: Shell) -> Bool[np.ndarra
     """Whether distances from the father are beyond the shell's."""
     length = np.linalg.norm(way, axis=1)
     return (length < shell.least) | (length > shell.greatest)
+
+
+def limb_contradicted(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, " 3"] | None, depth: DepthMap
+) -> Bool[np.ndarray, " n"]:
+    """Whether the camera sees something behind a particle, or behind the limb that leads to it."""
+    out = contradicted(p, depth)
+    for share in depth.along if father is not None else ():
+        left = np.flatnonzero(~out)
+        if share < 1.0 and left.size:
+            out[left] = contradicted(father + share * (p[left] - father), depth)
+    return out
 
 
 def contradicted(p: Float[np.ndarray, "n 3"], depth: DepthMap) -> Bool[np.ndarray, " n"]:

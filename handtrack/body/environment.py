@@ -4,7 +4,6 @@ Rooms are in metres. Any file that trimesh reads is one: its parts are put toget
 that nothing hits.
 """
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -16,10 +15,11 @@ from jaxtyping import Float, Int
 
 from .. import _kernels
 from ..errors import InputError
+from ..formats.meshes import read_mesh
 
 Engine = Literal["auto", "embree", "bvh"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
-MOST_BYTES, MOST_TRIANGLES = 500_000_000, 5_000_000
+MOST_TRIANGLES = 5_000_000
 FARTHEST = 1000.0  # metres from the origin: a room beyond is in another unit
 
 
@@ -69,37 +69,10 @@ def read_room(path: Path | str) -> Room:
     InputError
         If the file cannot be read, is too large, or holds no mesh.
     """
-    import trimesh
-
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; a mesh is wanted")
-    if path.stat().st_size > MOST_BYTES:
-        raise InputError(f"{path}: has {path.stat().st_size} bytes; at most {MOST_BYTES} are wanted of a mesh")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: is empty; a mesh is wanted")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            loaded: Any = trimesh.load_scene(path, process=False, skip_materials=True)
-            mesh: Any = loaded.to_geometry() if loaded.geometry else None
-    except Exception as error:  # each format's reader fails in its own way
-        raise InputError(f"{path}: {_one_line(error)}; a mesh is wanted") from error
-    if mesh is None or not hasattr(mesh, "faces"):
-        return _empty_or_refused(path, mesh)
-    return room_of(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), str(path))
-
-
-def _empty_or_refused(path: Path, mesh: Any) -> Room:
-    """A file without triangles: an empty room, unless it holds something else, like curves."""
-    if mesh is not None and len(getattr(mesh, "vertices", ())):
-        raise InputError(f"{path}: holds no triangles; a mesh is wanted")
-    return Room(np.zeros((0, 3)), np.zeros((0, 3), np.int64), (f"{path}: the mesh is empty",))
-
-
-def _one_line(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return text[:200] or type(error).__name__
+    vertices, triangles = read_mesh(path)
+    if not triangles.shape[0]:
+        return Room(np.zeros((0, 3)), np.zeros((0, 3), np.int64), (f"{path}: the mesh is empty",))
+    return room_of(vertices, triangles, str(path))
 
 
 def room_of(vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "t 3"], name: str = "room") -> Room:

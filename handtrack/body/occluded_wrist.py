@@ -151,7 +151,8 @@ def _tests(
     settings = scene.settings
     seen = None
     if depth is not None:
-        seen = DepthMap(depth, scene.camera, settings.margin, settings.noise, settings.reach)
+        along = settings.limb if joint == 2 else (1.0,)
+        seen = DepthMap(depth, scene.camera, settings.margin, settings.noise, settings.reach, along)
     if joint == 0 or father is None:
         return Constraints(depth=seen)
     sigma = math.sqrt(state.length_variance[joint - 1] + father.covariance.trace() / 3.0)

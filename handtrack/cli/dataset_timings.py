@@ -50,7 +50,7 @@ def rates(images: int, folder: Path) -> list[Rate]:
     scene, out = folder / "rate.yaml", folder / "dataset"
     scene.write_text(SCENE, encoding="utf-8")
     found = []
-    single = max(images // 10, 1)
+    single = max(images // 2, 1)  # as many for each process: starting takes its share of both
     for workers, count in ((2, images), (1, single)):
         size = str(max(1, min(1000, count // 10)))
         name = f"dataset, 256x256, all labels, shards, {workers} process{'es' if workers > 1 else ''}"

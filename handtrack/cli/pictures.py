@@ -19,13 +19,18 @@ _FORMATS = (".png", ".svg", ".pdf")
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure, whole or not at all."""
+    check(path)
+    content = BytesIO()
+    figure.savefig(content, format=path.suffix[1:].lower(), dpi=120)
+    write_bytes(path, content.getvalue())
+
+
+def check(path: Path) -> None:
+    """Refuse a file that no picture can be written to."""
     if path.suffix.lower() not in _FORMATS:
         raise InputError(f"--plot: {path} ends in '{path.suffix}'; one of {', '.join(_FORMATS)} was wanted")
     if not path.absolute().parent.is_dir() or path.is_dir():
         raise InputError(f"--plot: {path}; a file in an existing folder was wanted")
-    content = BytesIO()
-    figure.savefig(content, format=path.suffix[1:].lower(), dpi=120)
-    write_bytes(path, content.getvalue())
 
 
 def occlusion_figure(result: Occlusion) -> Figure:

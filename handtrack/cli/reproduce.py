@@ -140,6 +140,53 @@ def full_hand(
         say("\n" + "\n".join(summary(result)))
 
 
+@app.command("assembly-occlusion")
+def assembly_occlusion(
+    cycles: Annotated[int, typer.Option(help="Number of seeded cycles of each kind of occlusion.")] = 25,
+    occlusion: Annotated[
+        Literal["static", "dynamic", "both"], typer.Option(help="Behind a shelf, behind a moving robot's link, or both.")
+    ] = "both",
+    first_seed: Annotated[int, typer.Option(help="Seed of the first cell; the others follow.")] = 0,
+    frames: Annotated[int, typer.Option(help="Frames of each cycle; 300 are a whole one.")] = 300,
+    particles: Annotated[int | None, typer.Option(help="Particles of the wrist.", show_default="2000")] = None,
+    narrow: Annotated[
+        float | None,
+        typer.Option(help="Another half-thickness of the joint volume for `complete`, degrees.", show_default=False),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each core if not given.")] = None,
+    as_json: _Json = False,
+    plot: _Plot = None,
+) -> None:
+    """Section 7.3 of the wrist thesis: a wrist hidden by shelf and robot, three variants of the filter."""
+    from synth.cell import CellSettings
+
+    from ..reproduce.assembly_occlusion import HEADER, as_data, table_rows
+    from .assembly import KINDS, assembly_occlusion, figure, variants
+    from .pictures import check, save
+
+    least_of = (("cycles", cycles, 1), ("frames", frames, 2), ("first-seed", first_seed, 0))
+    for name, value, least in least_of:
+        if value < least:
+            raise InputError(f"--{name}: {value} given; at least {least} was wanted")
+    if narrow is not None and not 0.0 < narrow <= 90.0:
+        raise InputError(f"--narrow: {narrow:g} given; degrees above 0, at most 90, were wanted")
+    if plot is not None:  # first: a wrong name is told before minutes of work
+        check(plot)
+    kinds = KINDS if occlusion == "both" else (occlusion,)
+    named = variants(particles, narrow)
+    with progress("cells", cycles * len(kinds)) as done:
+        results = assembly_occlusion(cycles, named, CellSettings(frames=frames), first_seed, kinds, workers, done)
+    if plot is not None:
+        save(figure(results), plot)
+    if as_json:
+        say_json(as_data(results))
+        return
+    for result in results:
+        say(f"{result.kind} occlusion, {result.cycles} cycles, {result.hidden} hidden frames")
+        say(table(HEADER, table_rows(result)) + "\n")
+    say("theirs: section 7.3.3, errors behind a shelf; 'one order' of magnitude in words only; recovery in frames")
+
+
 def result_share(facts: dict[str, object]) -> float:
     """Share of frames inside the band."""
     return float(facts["nees_frames_in_band"])  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ from ..labels.bodies import Body, MeshHand, PillHand, Placed, Rigid, points_of
 from ..labels.shot import Exposure, Shot, parts_of
 from . import backgrounds, views
 from .hands import longer, own_axes, pill_hand, scaled, skinned_hand
-from .occluders import ball, box, mesh_body, read_obj, stick
+from .occluders import ball, box, mesh_body, read_body, stick
 from .painting import painted
 from .poses import path_of
 from .scene_file import SceneFile
@@ -97,7 +97,7 @@ def prepare(scene: SceneFile, seed: int, surface: Path | None = None) -> Source:
         hands.append(pair)
         motions.append(_motions(scene, file, pair) if file.pose.type == "file" else None)
     meshes = tuple(
-        read_obj(scene.file(file.mesh)) if file.kind == "mesh" and file.mesh else None
+        read_body(scene.file(file.mesh)) if file.kind == "mesh" and file.mesh else None
         for file in scene.schema.occluders
     )
     folder = scene.schema.background.folder

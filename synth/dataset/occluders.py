@@ -1,4 +1,4 @@
-"""Sizes in, stiff bodies out: balls, boxes, sticks, and meshes from Wavefront OBJ files."""
+"""Sizes in, stiff bodies out: balls, boxes, sticks, and meshes from files."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from handtrack.errors import InputError
+from handtrack.formats.meshes import read_mesh
 from handtrack.formats.paths import read_bytes
 from handtrack.pills import Pills
 
@@ -62,6 +63,30 @@ def mesh_body(
     return Rigid("mesh", _NO_PILLS, placed, normals / np.where(size > 0, size, 1.0), triangles)
 
 
+def read_body(path: Path | str) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "t 3"]]:
+    """Vertices and triangles of a mesh file: Wavefront OBJ by `read_obj`, others by trimesh.
+
+    Raises
+    ------
+    InputError
+        If the file is none, is empty, or is too large.
+    """
+    if Path(path).suffix.lower() == ".obj":
+        return read_obj(path)
+    vertices, triangles = read_mesh(path, MOST_BYTES)
+    if not 0 < triangles.shape[0] <= MOST_TRIANGLES:
+        raise InputError(f"{path}: holds {triangles.shape[0]} triangles; 1 to {MOST_TRIANGLES} are wanted")
+    used, triangles = np.unique(triangles, return_inverse=True)
+    return _with_size(vertices[used], path), triangles.reshape(-1, 3)
+
+
+def _with_size(vertices: Float[np.ndarray, "v 3"], path: Path | str) -> Float[np.ndarray, "v 3"]:
+    """The vertices, if they are numbers and not all one."""
+    if not np.isfinite(vertices).all() or not np.ptp(vertices, axis=0).max() > 0:
+        raise InputError(f"{path}: all vertices lie in one place, or nowhere; a mesh with a size is wanted")
+    return vertices
+
+
 def read_obj(path: Path | str) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "t 3"]]:
     """Vertices and triangles of a Wavefront OBJ file; polygons are cut into fans, everything else is passed over.
 
@@ -94,7 +119,4 @@ def read_obj(path: Path | str) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
             raise InputError(f"{path}: line {number}: more than {MOST_TRIANGLES} triangles; fewer are wanted")
     if not triangles:
         raise InputError(f"{path}: holds no triangles; a mesh with faces is wanted")
-    placed = np.array(vertices)
-    if not (np.ptp(placed, axis=0).max() > 0):
-        raise InputError(f"{path}: all vertices lie in one place; a mesh with a size is wanted")
-    return placed, np.array(triangles)
+    return _with_size(np.array(vertices), path), np.array(triangles)

@@ -54,20 +54,37 @@ def members_of(content: bytes) -> Iterator[tuple[str, tuple[tuple[str, bytes], .
         If the content is no such archive, or is cut off.
     """
     key, files = "", []
-    try:
-        with tarfile.open(fileobj=io.BytesIO(content), mode="r:") as archive:
-            for member in archive:
-                stream = archive.extractfile(member)
-                data = b"" if stream is None else stream.read()
-                name, _, extension = member.name.partition(".")
-                if len(data) != member.size or not extension:
-                    raise ValueError(f"content: member {member.name!r} is cut off or has no extension")
-                if name != key and files:
-                    yield key, tuple(files)
-                    files = []
-                key = name
-                files.append((extension, data))
-    except tarfile.TarError as error:
-        raise ValueError(f"content: {error}; a tar archive is wanted") from error
+    for member, data in _members(content):
+        name, _, extension = member.partition(".")
+        if not extension:
+            raise ValueError(f"content: member {member!r} has no extension")
+        if name != key and files:
+            yield key, tuple(files)
+            files = []
+        key = name
+        files.append((extension, data))
     if files:
         yield key, tuple(files)
+
+
+def _members(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Name and content of each plain file: headers as `shard_bytes` writes them, a tenth of what tarfile takes."""
+    start = 0
+    while start < len(content):
+        header = content[start : start + BLOCK]
+        if not any(header):
+            return  # what the archive is filled up with
+        try:
+            told, size = int(header[148:154], 8), int(header[124:135], 8)
+        except ValueError:
+            told, size = -1, 0
+        name = header[:100].partition(b"\0")[0].decode("ascii", "replace")
+        if len(header) < BLOCK or sum(header) - sum(header[148:156]) + 8 * ord(" ") != told:
+            raise ValueError(f"content: no header at byte {start}; a tar archive is wanted")
+        if header[156:157] != b"0" or header[257:262] != b"ustar" or any(header[345:500]):
+            raise ValueError(f"content: member {name!r} is no plain file with a short name")
+        start += BLOCK
+        if start + size > len(content):
+            raise ValueError(f"content: member {name!r} is cut off")
+        yield name, content[start : start + size]
+        start += -(-size // BLOCK) * BLOCK
