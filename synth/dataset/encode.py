@@ -38,6 +38,8 @@ _RUNS = (cv2.IMWRITE_PNG_COMPRESSION, 3, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_P
            cv2.IMWRITE_PNG_FILTER, _UP)  # fmt: skip
 _SMOOTH = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_DEFAULT,
            cv2.IMWRITE_PNG_FILTER, _UP)  # fmt: skip
+_FLOW = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_DEFAULT,
+           cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)  # fmt: skip
 _COLOURS = (cv2.IMWRITE_PNG_COMPRESSION, 3, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
             cv2.IMWRITE_PNG_FILTER, _UP)  # fmt: skip
 
@@ -108,7 +110,7 @@ def encoded(labelled: Labelled, labels: Labels, seed: int | None = None) -> Samp
     if labels.part:
         files.append(("part.png", _png((labelled.part + 1).astype(np.uint8), _NUMBERS)))
     if labels.flow:
-        files.append(("flow.png", _png(flow_steps(labelled), _RUNS)))
+        files.append(("flow.png", _png(flow_steps(labelled), _FLOW)))
     files.append(("json", json_bytes(labelled, labels, seed)))
     return Sample(key, tuple(files), row_of(labelled))
 

@@ -8,7 +8,7 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -178,22 +178,23 @@ def index_bytes(rows: Iterable[Row]) -> bytes:
     ValueError
         If the rows are not in the order of their numbers.
     """
-    rows = list(rows)
-    numbers = [row.index for row in rows]
-    if any(b <= a for a, b in pairwise(numbers)):
-        raise ValueError("rows: image numbers do not rise; sorted rows, each once, are wanted")
-    columns = [pa.array([getattr(row, field.name) for row in rows], field.type) for field in SCHEMA]
-    stream = io.BytesIO()
-    pq.write_table(
-        pa.Table.from_arrays(columns, schema=SCHEMA),
+    stream, rows, last = io.BytesIO(), iter(rows), -1
+    with pq.ParquetWriter(
         stream,
-        row_group_size=GROUP,
+        SCHEMA,
         compression="zstd",
         compression_level=3,
         version="2.6",
         store_schema=False,
         write_statistics=True,
-    )
+    ) as writer:
+        while batch := list(islice(rows, GROUP)):  # no more rows than these are in memory
+            numbers = [last, *(row.index for row in batch)]
+            if any(b <= a for a, b in pairwise(numbers)):
+                raise ValueError("rows: image numbers do not rise; sorted rows, each once, are wanted")
+            last = numbers[-1]
+            columns = [pa.array([getattr(row, field.name) for row in batch], field.type) for field in SCHEMA]
+            writer.write_table(pa.Table.from_arrays(columns, schema=SCHEMA), row_group_size=GROUP)
     return stream.getvalue()
 
 
