@@ -226,7 +226,7 @@ def test_a_perspective_camera_with_distortion_comes_back():
     again: Any = decoded("x", encoded(replace(image, camera=camera), PNG).files).camera
     assert (again.kind, again.fx, again.fy) == ("perspective", camera.fx, 80.0)
     assert (again.distortion == camera.distortion).all()
-    plain = decoded("x", encoded(replace(image, camera=replace(camera, distortion=np.zeros(5))), PNG).files).camera
+    plain: Any = decoded("x", encoded(replace(image, camera=replace(camera, distortion=np.zeros(5))), PNG).files).camera
     assert not plain.distortion.any()
 
 

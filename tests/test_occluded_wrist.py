@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.body.arm_state import VARIANTS, Scene, Seen, begin, settings_of
+from handtrack.body.arm_state import VARIANTS, Scene, Seen, Variant, begin, settings_of
 from handtrack.body.environment import ray_caster, room_of
 from handtrack.body.joint_filter import Sampling
 from handtrack.body.occluded_wrist import step
@@ -36,7 +36,7 @@ def screen(p, nearer=0.3, half=0.16):
     return depth
 
 
-def setting(variant="complete", **changes):
+def setting(variant: Variant = "complete", **changes):
     settings = settings_of(variant)
     return replace(settings, sampling=Sampling(particles=800), fathers=Sampling(particles=200), **changes)
 

@@ -194,7 +194,9 @@ def limb_contradicted(
 ) -> Bool[np.ndarray, " n"]:
     """Whether the camera sees something behind a particle, or behind the limb that leads to it."""
     out = contradicted(p, depth)
-    for share in depth.along if father is not None else ():
+    if father is None:
+        return out
+    for share in depth.along:
         left = np.flatnonzero(~out)
         if share < 1.0 and left.size:
             out[left] = contradicted(father + share * (p[left] - father), depth)

@@ -19,8 +19,8 @@ from ..formats.wrists import WristTrack as WristTrack
 from .arm import Side
 from .environment import Engine, RayCaster, ray_caster, read_room
 from .joint_filter import Cloud, Estimate
-from .occluded_wrist import JOINTS, TRACKED, VARIANTS, Scene, Seen, Settings, begin, settings_of, step
-from .particles import normalised, resampled
+from .occluded_wrist import JOINTS, TRACKED, VARIANTS, Scene, Seen, Settings, Variant, begin, settings_of, step
+from .particles import estimate, normalised, resampled
 
 __all__ = ["JOINTS", "VARIANTS", "Arm", "Followed", "WristTrack", "arm_of", "arm_seen", "follow", "run", "settings_for"]
 
@@ -61,7 +61,7 @@ def settings_for(variant: str, particles: int | None = None) -> Settings:
     InputError
         If the variant is unknown or there are fewer than 10 particles.
     """
-    known = next((name for name in VARIANTS if name == variant), None)
+    known: Variant | None = next((name for name in VARIANTS if name == variant), None)
     if known is None:
         raise InputError(f"--variant: {variant} given; wanted: {', '.join(VARIANTS)}")
     settings = settings_of(known)
@@ -192,18 +192,25 @@ def run(
         state, estimates = step(state, seen, told, rng)
         seconds.append(perf_counter() - begun)
         found.append(estimates)
-        clouds.append(_thinned(thinning, state.clouds[2]))
+        clouds.append(_thinned(thinning, state.clouds[2], estimates[2].covariance))
         if progress is not None:
             progress(frame + 1)
     return _track(scene.detections.time, found, np.stack(clouds), np.array(seconds), used.warnings)
 
 
-def _thinned(rng: np.random.Generator, cloud: Cloud) -> Float32[np.ndarray, "c 3"]:
-    """Some particles, drawn by their weights."""
+def _thinned(rng: np.random.Generator, cloud: Cloud, stated: Float[np.ndarray, "3 3"]) -> Float32[np.ndarray, "c 3"]:
+    """Some particles, drawn by their weights, as widely spread as is stated.
+
+    Particles know the elbow's mean only; where the elbow is not sure, the stated covariance is larger than theirs, and
+    what is missing is added to each at random. Otherwise a distance to the cloud would not be a cautious one.
+    """
     weight = normalised(cloud.log_weight)
     if not weight.any():
         weight = np.full(weight.size, 1.0 / weight.size)
-    return cloud.x[resampled(rng, weight, count=SHOWN), :3].astype(np.float32)
+    _, own = estimate(cloud.x[:, :3], weight)
+    variance, axes = np.linalg.eigh(stated - own)
+    missing = np.sqrt(np.maximum(variance, 0.0)) * rng.normal(size=(SHOWN, 3)) @ axes.T
+    return (cloud.x[resampled(rng, weight, count=SHOWN), :3] + missing).astype(np.float32)
 
 
 def _track(

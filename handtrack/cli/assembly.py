@@ -136,16 +136,16 @@ def figure(results: Sequence[Comparison]) -> Figure:
         words = "behind a shelf" if result.kind == "static" else "behind a robot's link"
         left.set(ylabel="mean error while hidden (mm)", ylim=(0.0, None))
         left.set_title(f"{result.kind} occlusion ({words}), {result.cycles} cycles", loc="left")
-        _boxes(right, [1000.0 * row.cycle_volume for row in rows[1:]], [row.name for row in rows[1:]], 1)
+        names = [f"{row.name}\ninside {100.0 * row.inside:.0f} %" for row in rows[1:]]
+        _boxes(right, [1000.0 * row.cycle_volume for row in rows[1:]], names, 1)
         right.set(ylabel="volume of the 95 % ellipsoid (litres)", yscale="log")
-        inside = ", ".join(f"{100.0 * row.inside:.0f} %" for row in rows[1:])
-        right.set_title(f"truth inside: {inside}", loc="left")
+        right.set_title("and in how many hidden frames the truth is inside", loc="left")
     return drawn
 
 
 def _boxes(axes, values: Sequence[np.ndarray], names: Sequence[str], first: int) -> None:
     """A box for each variant, with the cycles themselves beside each other on top."""
-    labels = [("last position\nheld" if name == HOLD else name).replace(", ", ",\n") for name in names]
+    labels = [("last position\nheld" if name == HOLD else name).replace("complete, ", "complete,\n") for name in names]
     boxes = axes.boxplot(
         values, widths=0.55, showfliers=False, patch_artist=True, medianprops={"color": "black", "linewidth": 1.4}
     )

@@ -87,7 +87,7 @@ def _coco_tiles(store: Store, record: DatasetRecord, chosen: Sequence[Row]) -> l
         for index, row in rows.items():
             name = next((str(entry["file_name"]) for kind, entry in entries[index] if kind == "i"), None)
             content = None if name is None else _content(store, f"images/{name}")
-            if content is None:
+            if name is None or content is None:
                 raise InputError(f"{place(store, 'images')}: has no image {row.key}")
             picture = (f"image.{name.rpartition('.')[2]}", content)
             tiles.append(

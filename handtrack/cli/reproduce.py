@@ -144,7 +144,8 @@ def full_hand(
 def assembly_occlusion(
     cycles: Annotated[int, typer.Option(help="Number of seeded cycles of each kind of occlusion.")] = 25,
     occlusion: Annotated[
-        Literal["static", "dynamic", "both"], typer.Option(help="Behind a shelf, behind a moving robot's link, or both.")
+        Literal["static", "dynamic", "both"],
+        typer.Option(help="Behind a shelf, behind a moving robot's link, or both."),
     ] = "both",
     first_seed: Annotated[int, typer.Option(help="Seed of the first cell; the others follow.")] = 0,
     frames: Annotated[int, typer.Option(help="Frames of each cycle; 300 are a whole one.")] = 300,

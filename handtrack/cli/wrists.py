@@ -18,8 +18,8 @@ from jaxtyping import Float
 
 from ..body.arm import Side
 from ..body.environment import Engine, Room, read_room
-from ..body.wrist_run import Arm, WristTrack, arm_of, run
 from ..body.occluded_wrist import Settings
+from ..body.wrist_run import Arm, WristTrack, arm_of, run
 from ..errors import InputError
 from ..formats.rgbd import NAME as SCENE
 from ..formats.rgbd import RgbdScene, read_rgbd
@@ -216,5 +216,3 @@ def simulated(out: Path, seed: int, chosen: Mapping[str, object]) -> None:
     if blocked is not None:
         raise InputError(f"{blocked}: is a file; a folder was wanted")
     simulate_cell(out, seed, settings, replace=True)
-
-

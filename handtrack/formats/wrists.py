@@ -45,7 +45,7 @@ class WristTrack:
     elbow, shoulder : (f, 3)
         Means of the joints before; NaN where they are not known, as after reading.
     cloud : (f, c, 3)
-        Some of the particles, each as likely as the others; none after reading.
+        Some of the particles, each as likely as the others, spread as the covariance says; none after reading.
     seconds : (f,)
         Computing time, reading of images apart; NaN after reading.
     warnings : tuple of str

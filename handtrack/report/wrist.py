@@ -98,7 +98,8 @@ def _asset(name: str) -> str:
 def _subtitle(shown: WristShown) -> str:
     c, f = shown.camera, shown.track.time.size
     room = "no room" if shown.room is None else f"a room of {shown.room.triangles.shape[0]} triangles"
-    return f"{shown.side.capitalize()} wrist, {f} frames, depth camera of {c.width} \N{MULTIPLICATION SIGN} {c.height} pixels, {room}."
+    size = f"{c.width} \N{MULTIPLICATION SIGN} {c.height} pixels"
+    return f"{shown.side.capitalize()} wrist, {f} frames, depth camera of {size}, {room}."
 
 
 def _table(caption: str, pairs: tuple[tuple[str, str], ...]) -> str:
@@ -181,7 +182,7 @@ def _charts(shown: WristShown) -> list[dict[str, object]]:
         series = [_series("nearest particle", "c1 dash", facts.nearest), _series("5 % quantile", "c1", facts.robot)]
         if shown.truth is not None and shown.robot is not None:
             true = robot_distance(shown.truth[:, 2:3], shown.robot)[:, 0]
-            series.append(_series("true wrist", "ink dot", true))
+            series.append(_series("true wrist", "ink dots", true))
         chart("Distance from the cloud to the robot", "m", series, digits=2)
     return out
 

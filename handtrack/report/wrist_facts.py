@@ -139,7 +139,7 @@ def last_seen(p: Float[np.ndarray, "f 3"], tracked: Bool[np.ndarray, " f"]) -> F
 
 
 def robot_distance(cloud: np.ndarray, robot: RobotVolume) -> Float[np.ndarray, "f c"]:
-    """Distance of particles to the nearest pill of the robot, metres, below 0 inside; +inf for a robot without links."""
+    """Distance of particles to the nearest pill of the robot, metres, below 0 inside; +inf without any pill."""
     out = np.full(cloud.shape[:2], np.inf)
     p = cloud.astype(float)
     for link in range(robot.radius.shape[1]):

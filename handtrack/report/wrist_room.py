@@ -11,7 +11,7 @@ _FINEST = 1e-4  # metres: vertices nearer than that are one
 
 
 def decimated(room: Room, most: int = MOST_TRIANGLES) -> Room:
-    """The room with at most so many triangles: vertices in one cell of a grid become one, in a grid as fine as that allows.
+    """The room with at most so many triangles: vertices in one cell of a grid, as fine as that allows, become one.
 
     >>> square = Room(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
     >>> decimated(square, most=2).triangles.shape[0], decimated(square, most=0).triangles.shape[0]

@@ -25,7 +25,8 @@ def tiles_of(track: WristTrack, facts: Facts) -> list[str]:
     ]
     error = data.get("mean_error_hidden_mm")
     if error is not None:
-        held = f"95{_NBSP}% below {data['p95_error_hidden_mm']:.0f}; holding the last position {data['mean_error_last_position_mm']:.0f}"
+        held = f"holding the last position {data['mean_error_last_position_mm']:.0f}"
+        held = f"95{_NBSP}% below {data['p95_error_hidden_mm']:.0f}; {held}"
         out.append(_tile("Error while hidden", f"{error:.0f}{_NBSP}mm", held))
         inside = 100.0 * float(data["hidden_inside_95"])  # type: ignore[arg-type]
         out.append(_tile("Truth in the ellipsoid", f"{inside:.0f}{_NBSP}%", "of the hidden frames; 95 % are promised"))

@@ -113,8 +113,8 @@ def _row(name: str, k: int, cycles: Sequence[Cycle]) -> Row:
 def _held(cycles: Sequence[Cycle]) -> Row:
     error = np.concatenate([c.held[c.hidden] for c in cycles])
     each = np.array([_mean(c.held[c.hidden]) for c in cycles if c.hidden.any()])
-    unknown = [np.nan] * 6
-    return Row(HOLD, _mean(error), _p95(error), *unknown, each, np.full(each.size, np.nan))
+    none = np.nan
+    return Row(HOLD, _mean(error), _p95(error), none, none, none, none, none, none, each, np.full(each.size, none))
 
 
 def _mean(values: np.ndarray) -> float:
