@@ -342,8 +342,13 @@ def test_bench_compares_each_kernel_with_its_plain_twin(monkeypatch, capsys):
     assert all(timing.ours_ms > 0 for timing in measured)
     assert sum(timing.ratio is not None for timing in measured) >= 4
     monkeypatch.setattr(timings, "measure_all", lambda frames: measured)
+    monkeypatch.setattr(
+        "handtrack.cli.wrist_timings.wrist", lambda repeats: [timings.Timing("wrist", 2.0, "tree", 5.0)]
+    )
+    monkeypatch.setattr("handtrack.cli.label_timings.labels", lambda *_: [timings.Timing("labels", 7.0)])
     assert main(["bench", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == len(measured)
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == len(measured) + 2 and rows[-2]["ratio"] == 2.5 and rows[-1]["ratio"] is None
     assert main(["bench"]) == 0
     assert "NumPy twin" in capsys.readouterr().out
     monkeypatch.setattr("handtrack.cli.memory.growth_mb", lambda frames: 0.25)

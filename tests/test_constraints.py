@@ -1,6 +1,7 @@
 """Claims about what a wrist's particles may do: each test against geometry that can be reckoned by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from handtrack.body.constraints import (
     outside_shell,
     outside_volume,
     plane_normal,
+    seen_through_numpy,
     survivors,
     volume_at,
 )
@@ -34,6 +36,7 @@ WALL = room_of(np.array([[-9.0, -9, 2], [9, -9, 2], [0, 9, 2]]), np.array([[0, 1
 DIRECTIONS = hnp.arrays(float, 3, elements=st.floats(-1, 1)).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
+@settings(deadline=None)
 @given(
     depth=hnp.arrays(np.float32, (12, 9), elements=st.sampled_from([0, 0, 0, 1, 2])),
     asked=st.lists(st.tuples(st.integers(0, 11), st.integers(0, 8)), min_size=1, max_size=8),
@@ -45,21 +48,51 @@ def test_the_nearest_reading_is_found_as_by_looking_at_all(depth, asked, reach):
     np.testing.assert_array_equal(found, nearest_readings_numpy(depth, row, column, reach))
 
 
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6), reach=st.integers(1, 14))
+def test_limbs_are_looked_at_as_by_plain_arithmetic(seed, reach):
+    rng = np.random.default_rng(seed)
+    depth = rng.choice([0.0, 0.0, 1.0, 1.5, 2.0], (12, 9)).astype(np.float32)
+    uv = np.round(rng.uniform(-3, 13, (30, 3, 2)), 1)
+    uv[rng.random((30, 3)) < 0.1] = np.nan
+    asked = (depth, uv, rng.uniform(0.5, 2.5, (30, 3)), 0.02, 0.01, reach)
+    np.testing.assert_array_equal(_kernels.seen_through(*asked), seen_through_numpy(*asked))
+
+
 def test_what_is_seen_through_is_contradicted():
     depth = np.full((30, 40), 2.0, np.float32)
     depth[:, 20:] = 1.0
     where = DepthMap(depth, CAMERA, margin=0.02, noise=0.01)
     p = np.array([[-0.2, 0, 1.5], [0.2, 0, 1.5], [-0.2, 0, 1.98], [-9.0, 0, 1.5], [0, 0, -1.0], [-0.1, 0, 2.5]])
-    assert contradicted(p, where).tolist() == [True, False, False, False, False, False]
+    assert contradicted(p, None, where).tolist() == [True, False, False, False, False, False]
 
 
 def test_a_hole_takes_the_nearest_reading_and_an_empty_map_says_nothing():
     depth = np.zeros((30, 40), np.float32)
     p = np.array([[0.0, 0.0, 1.0]])
-    assert not contradicted(p, DepthMap(depth, CAMERA)).any()
+    assert not contradicted(p, None, DepthMap(depth, CAMERA)).any()
     depth[15, 25] = 3.0
-    assert contradicted(p, DepthMap(depth, CAMERA)).all()
-    assert not contradicted(p, DepthMap(depth, CAMERA, reach=4)).any()
+    assert contradicted(p, None, DepthMap(depth, CAMERA)).all()
+    assert not contradicted(p, None, DepthMap(depth, CAMERA, reach=4)).any()
+
+
+def test_a_limb_is_contradicted_where_the_camera_looks_through_its_middle():
+    """A forearm along x at 1.5 m, seen; one deeper by 20 cm, hidden by it; one across, that would have been seen."""
+    depth = np.full((30, 40), 2.0, np.float32)
+    depth[13:18, 18:31] = 1.46
+    where = DepthMap(depth, CAMERA, along=(0.4, 0.6, 0.8, 1.0))
+    elbow = np.array([[0.0, 0, 1.5], [0.0, 0, 1.7], [0.0, 0, 1.5]])
+    wrist = elbow + np.array([[0.3, 0, 0], [0.3, 0, 0], [0, 0.3, 0]])
+    assert contradicted(wrist, elbow, where).tolist() == [False, False, True]
+    depth[22:, :] = 1.3  # something before its end, but not before its middle
+    assert contradicted(wrist, elbow, where).tolist() == [False, False, True]
+    assert not contradicted(wrist, elbow, replace(where, along=(1.0,)))[2]
+
+
+def test_each_particle_may_have_its_own_elbow():
+    p, own = np.array([[0.3, 0, 1.0], [0.3, 0, 1.0]]), np.array([[0.05, 0, 1.0], [0.2, 0, 1.0]])
+    found = survivors(p, own, Constraints(Room(ray_caster(WALL, "bvh")), shell=Shell(0.2, 0.3)))
+    assert found.alive.tolist() == [True, False] and found.kills.tolist() == [0, 0, 1, 0]
 
 
 @pytest.mark.parametrize("engine", ["embree", "bvh"])

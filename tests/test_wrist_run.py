@@ -229,6 +229,13 @@ def test_distance_to_a_pill_is_that_of_its_surface():
     assert np.allclose(robot_distance(p, robot), [[0.2, 0.4, -0.1, 0.3]])
 
 
+def test_a_robot_without_links_has_no_distance(scene):
+    track = run(scene, settings("original"), 1)
+    nothing = RobotVolume(np.zeros((24, 0, 2, 3)), np.zeros((24, 0)))
+    facts = facts_of(track, np.zeros(24, int), np.zeros((24, 3)), None, nothing)
+    assert facts.robot is None and "least_distance_to_robot_m" not in facts.as_data()
+
+
 def test_recovery_counts_frames_from_coming_back():
     tracked = np.array([True, False, True, True, False, True])
     assert recovery(np.array([0, 1, 0.01, 0, 1, 0.2]), tracked) == [1, 2]

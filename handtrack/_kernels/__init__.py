@@ -7,6 +7,7 @@ layer stalls kernels of this size for milliseconds.
 from .bvh import build_tree as build_tree
 from .bvh import first_hits as first_hits
 from .depth import nearest_readings as nearest_readings
+from .depth import seen_through as seen_through
 from .edges import find_edges as find_edges
 from .edges import refine_shift as refine_shift
 from .edges import search_valleys as search_valleys
@@ -25,6 +26,8 @@ from .learning import second_differences as second_differences
 from .learning import surface_points as surface_points
 from .placing import count_samplers as count_samplers
 from .placing import place_outline as place_outline
+from .posture import chain_frames as chain_frames
+from .posture import points_on as points_on
 from .profiles import fill_harmonics as fill_harmonics
 from .profiles import sample_lines as sample_lines
 from .profiles import shade as shade

@@ -10,6 +10,8 @@ from numba import njit
 BINS = 16
 LEAF = 4  # triangles that a leaf holds at most
 DEEP = 96  # most nodes on the way down
+TINY = 1e-200
+WIDER = 1.0 + 3.2e-15  # of boxes, for rounding
 
 
 @njit(cache=True, error_model="numpy")
@@ -78,6 +80,7 @@ def build_tree(low, high):  # pragma: no cover - compiled
     """Order of the triangles, and the nodes' boxes (n, 2, 6), children (n, 2) and counts (n, 2).
 
     `low`, `high` are the boxes of the triangles, at least one.
+    Twin: `body.environment.hits_numpy`, of tree and rays together.
     """
     total = low.shape[0]
     middle = 0.5 * (low + high)
@@ -116,62 +119,35 @@ def build_tree(low, high):  # pragma: no cover - compiled
     return order, box[:nodes].copy(), child[:nodes].copy(), count[:nodes].copy()
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _enter(box, node, side, origin, over, far):  # pragma: no cover - compiled
-    """Where a ray enters a child's box, inf where it misses it; the box is a little larger than the triangles."""
-    near, last = 0.0, far
-    for d in range(3):
-        a = (box[node, side, d] - origin[d]) * over[d]
-        b = (box[node, side, 3 + d] - origin[d]) * over[d]
-        if a > b:
-            a, b = b, a
-        if a > near:  # NaN, of a ray within a face, changes nothing
-            near = a
-        if b < last:
-            last = b
-    return near if near <= last * (1.0 + 4e-16 * 8) + 1e-300 else np.inf
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _meet(corner, t, origin, kx, ky, kz, sx, sy, sz, far):  # pragma: no cover - compiled
-    """Share of a ray at which it meets a triangle, inf where it does not: edges belong to both of their triangles.
-
-    The test of Woop, Benthin & Wald 2013: the triangle is sheared so that the ray runs along z.
-    """
-    az, bz, cz = corner[t, 0, kz] - origin[kz], corner[t, 1, kz] - origin[kz], corner[t, 2, kz] - origin[kz]
-    ax, ay = corner[t, 0, kx] - origin[kx] - sx * az, corner[t, 0, ky] - origin[ky] - sy * az
-    bx, by = corner[t, 1, kx] - origin[kx] - sx * bz, corner[t, 1, ky] - origin[ky] - sy * bz
-    cx, cy = corner[t, 2, kx] - origin[kx] - sx * cz, corner[t, 2, ky] - origin[ky] - sy * cz
-    u, v, w = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
-    if (u < 0 or v < 0 or w < 0) and (u > 0 or v > 0 or w > 0):
-        return np.inf
-    det = u + v + w
-    if det == 0:
-        return np.inf
-    share = (u * az + v * bz + w * cz) * sz / det
-    return share if 0 <= share <= far else np.inf
-
-
 @njit(cache=True, error_model="numpy")
 def first_hits(box, child, count, corner, origin, vector):  # pragma: no cover - compiled
     """Share of each vector at which it first meets a triangle, inf where it meets none within its length.
 
-    `corner` (t, 3, 3) in the order of the tree; `origin` and `vector` (n, 3).
+    `corner` (t, 3, 3) in the order of the tree; `origin` and `vector` (n, 3). Triangles are met as Woop, Benthin & Wald
+    2013 do it: sheared so that the ray runs along one axis, and an edge belongs to both of its triangles.
+    Twin: `body.environment.hits_numpy`, of tree and rays together.
     """
     out = np.full(vector.shape[0], np.inf)
     stack, entry = np.empty(DEEP, np.int64), np.empty(DEEP)
-    over = np.empty(3)
     for i in range(vector.shape[0]):
-        o, v = origin[i], vector[i]
-        kz = 0
-        for d in range(3):
-            over[d] = 1.0 / v[d]
-            if abs(v[d]) > abs(v[kz]):
-                kz = d
-        if v[kz] == 0 or not np.isfinite(v[0] + v[1] + v[2] + o[0] + o[1] + o[2]):
+        ox, oy, oz = origin[i, 0], origin[i, 1], origin[i, 2]
+        vx, vy, vz = vector[i, 0], vector[i, 1], vector[i, 2]
+        if not np.isfinite(vx + vy + vz + ox + oy + oz) or (vx == 0 and vy == 0 and vz == 0):
             continue
+        # Slopes of zero have a large inverse instead of an infinite one, so that 0 x inf never comes up.
+        ix = 1.0 / vx if abs(vx) > TINY else 1.0 / TINY
+        iy = 1.0 / vy if abs(vy) > TINY else 1.0 / TINY
+        iz = 1.0 / vz if abs(vz) > TINY else 1.0 / TINY
+        ax, ay, az = (0 if ix > 0 else 3), (1 if iy > 0 else 4), (2 if iz > 0 else 5)  # the sides that rays enter by
+        bx, by, bz = 3 - ax, 5 - ay, 7 - az
+        kz = 0
+        if abs(vy) > abs(vx):
+            kz = 1
+        if abs(vz) > max(abs(vx), abs(vy)):
+            kz = 2
         kx, ky = (kz + 1) % 3, (kz + 2) % 3
-        sx, sy, sz = v[kx] / v[kz], v[ky] / v[kz], 1.0 / v[kz]
+        sx, sy, sz = vector[i, kx] / vector[i, kz], vector[i, ky] / vector[i, kz], 1.0 / vector[i, kz]
+        px, py, pz = origin[i, kx], origin[i, ky], origin[i, kz]
         best = 1.0
         found = False
         stack[0], entry[0], filled = 0, 0.0, 1
@@ -180,22 +156,41 @@ def first_hits(box, child, count, corner, origin, vector):  # pragma: no cover -
             if entry[filled] > best:
                 continue
             node = stack[filled]
-            near, far = _enter(box, node, 0, o, over, best), _enter(box, node, 1, o, over, best)
-            first = 0 if near <= far else 1
-            for turn in range(2):
-                side = first if turn == 0 else 1 - first
-                at = near if side == 0 else far
-                if child[node, side] < 0 and at <= best:
+            nears = (np.inf, np.inf)
+            for side in range(2):
+                near = max(
+                    max((box[node, side, ax] - ox) * ix, (box[node, side, ay] - oy) * iy),
+                    max((box[node, side, az] - oz) * iz, 0.0),
+                )
+                far = min(
+                    min((box[node, side, bx] - ox) * ix, (box[node, side, by] - oy) * iy),
+                    min((box[node, side, bz] - oz) * iz, best),
+                )
+                if not near <= far * WIDER + 1e-300:
+                    near = np.inf
+                elif child[node, side] < 0:
                     start = -1 - child[node, side]
                     for t in range(start, start + count[node, side]):
-                        share = _meet(corner, t, o, kx, ky, kz, sx, sy, sz, best)
-                        if share <= best:
+                        z0, z1, z2 = corner[t, 0, kz] - pz, corner[t, 1, kz] - pz, corner[t, 2, kz] - pz
+                        x0, y0 = corner[t, 0, kx] - px - sx * z0, corner[t, 0, ky] - py - sy * z0
+                        x1, y1 = corner[t, 1, kx] - px - sx * z1, corner[t, 1, ky] - py - sy * z1
+                        x2, y2 = corner[t, 2, kx] - px - sx * z2, corner[t, 2, ky] - py - sy * z2
+                        u, v, w = x2 * y1 - y2 * x1, x0 * y2 - y0 * x2, x1 * y0 - y1 * x0
+                        if (u < 0 or v < 0 or w < 0) and (u > 0 or v > 0 or w > 0):
+                            continue
+                        det = u + v + w
+                        if det == 0:
+                            continue
+                        share = (u * z0 + v * z1 + w * z2) * sz / det
+                        if 0 <= share <= best:
                             best, found = share, True
-            for turn in range(2):  # the nearer one is looked at first: it goes on the stack last
-                side = 1 - first if turn == 0 else first
-                at = near if side == 0 else far
-                if child[node, side] >= 0 and at <= best:
-                    stack[filled], entry[filled] = child[node, side], at
+                    near = np.inf
+                nears = (near, nears[1]) if side == 0 else (nears[0], near)
+            first = 0 if nears[0] <= nears[1] else 1  # the nearer one is looked at first: it goes on the stack last
+            for side in (1 - first, first):
+                near = nears[0] if side == 0 else nears[1]
+                if near <= best:
+                    stack[filled], entry[filled] = child[node, side], near
                     filled += 1
         if found:
             out[i] = best

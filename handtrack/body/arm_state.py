@@ -28,8 +28,6 @@ class Settings:
         Range of the angle inside the elbow, radians (alpha4 of the thesis).
     half_thickness : float
         Radians by which the forearm may leave the plane that the arm had when it was last seen.
-    carry : str
-        Whether hidden particles stay where they are (`none`), or move with the elbow (`along`), when it moves.
     inferred, inferred_bias : float or None, float
         Standard deviation of each coordinate of an inferred shoulder or elbow, metres, or None where only tracked ones
         count; and the part of it that lasts, which no averaging takes away.
@@ -38,6 +36,9 @@ class Settings:
         that all measurements of such a time count as one.
     soft_shell : bool
         Whether distances in the shell are normally distributed, or all equally likely.
+    fathers_apart : float or None
+        Whether each particle takes the joint before to be somewhere else within its covariance, and for how many
+        seconds about the same; hidden particles move along with it. None: all take its estimate, and stay.
     lengths : (float, float)
         Upper arm and forearm where they have not been measured, metres.
     length_sigma : float
@@ -62,12 +63,12 @@ class Settings:
     fathers: Sampling = field(default_factory=lambda: Sampling(particles=500))
     elbow: tuple[float, float] = (math.radians(20.0), math.pi)
     half_thickness: float = math.radians(18.0)
-    carry: Literal["none", "along"] = "along"
     inferred: float | None = 0.05
     inferred_bias: float = 0.02
     inferred_wrist: float | None = 0.08
     lasting: float = 0.2
     soft_shell: bool = True
+    fathers_apart: float | None = 0.3
     lengths: tuple[float, float] = (0.30, 0.26)
     length_sigma: float = 0.04
     slack: float = 3.0
@@ -117,8 +118,8 @@ class ArmState:
         Measurements of them.
     upper, normal : (3,) or None
         Direction of the upper arm, and unit normal of the arm's plane, at the last moment; None before they are known.
-    elbow : (3,) or None
-        Estimate at the last moment.
+    places, spreads : (2, 3), (2, 3, 3) or None
+        Estimates of shoulder and elbow at the last moment, and roots of their covariances.
     """
 
     time: float | None
@@ -128,7 +129,8 @@ class ArmState:
     length_count: Int[np.ndarray, " 2"]
     upper: Float[np.ndarray, " 3"] | None = None
     normal: Float[np.ndarray, " 3"] | None = None
-    elbow: Float[np.ndarray, " 3"] | None = None
+    places: Float[np.ndarray, "2 3"] | None = None
+    spreads: Float[np.ndarray, "2 3 3"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +150,14 @@ def settings_of(variant: Variant) -> Settings:
     """
     if variant != "original":
         return Settings(variant)
-    return Settings(variant, carry="none", inferred=None, inferred_wrist=None, soft_shell=False, limb=(1.0,))
+    return Settings(
+        variant,
+        inferred=None,
+        inferred_wrist=None,
+        soft_shell=False,
+        fathers_apart=None,
+        limb=(1.0,),
+    )
 
 
 def begin(settings: Settings) -> ArmState:

@@ -122,7 +122,7 @@ class Survivors:
 
 def survivors(
     p: Float[np.ndarray, "n 3"],
-    father: Float[np.ndarray, " 3"] | None,
+    father: Float[np.ndarray, "*n 3"] | None,
     tests: Constraints,
     alive: Bool[np.ndarray, " n"] | None = None,
 ) -> Survivors:
@@ -132,35 +132,36 @@ def survivors(
     ----------
     p : (n, 3)
         Metres, camera axes.
-    father : (3,) or None
-        The joint before, for a wrist the elbow; without one only the depth map is asked.
+    father : (3,), (n, 3) or None
+        The joint before, for a wrist the elbow, one for all or one each; without one only the depth map is asked.
     alive : (n,), optional
         Particles to be tested; all if not given.
     """
     alive = np.ones(p.shape[0], bool) if alive is None else alive.copy()
     kills = np.zeros(len(TESTS), int)
-    for k, test in enumerate(_tests(father, tests)):
+    root = None if father is None else np.broadcast_to(father, p.shape)
+    for k, test in enumerate(_tests(root is not None, tests)):
         at = np.flatnonzero(alive)
         if test is None or not at.size:
             continue
-        dead = at[test(p[at])]
+        dead = at[test(p[at], p[at] if root is None else root[at])]
         alive[dead] = False
         kills[k] = dead.size
     return Survivors(alive, kills)
 
 
-def _tests(father: Float[np.ndarray, " 3"] | None, tests: Constraints):
+def _tests(rooted: bool, tests: Constraints):
     """Functions that say which particles fail, in the order of `TESTS`; None for those left out."""
     room, volume, shell, depth = tests.room, tests.volume, tests.shell, tests.depth
     return (
-        None if room is None or father is None else lambda p: collides(p, father, room),
-        None if volume is None or father is None else lambda p: outside_volume(p - father, volume),
-        None if shell is None or father is None else lambda p: outside_shell(p - father, shell),
-        None if depth is None else lambda p: limb_contradicted(p, father, depth),
+        None if room is None or not rooted else lambda p, root: collides(p, root, room),
+        None if volume is None or not rooted else lambda p, root: outside_volume(p - root, volume),
+        None if shell is None or not rooted else lambda p, root: outside_shell(p - root, shell),
+        None if depth is None else lambda p, root: contradicted(p, root if rooted else None, depth),
     )
 
 
-def collides(p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, " 3"], room: Room) -> Bool[np.ndarray, " n"]:
+def collides(p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"], room: Room) -> Bool[np.ndarray, " n"]:
     """Whether the way from the father, and `clearance` beyond, meets the room."""
     way = p - father
     length = np.linalg.norm(way, axis=1, keepdims=True)
@@ -189,35 +190,36 @@ def outside_shell(way: Float[np.ndarray, "n 3"], shell: Shell) -> Bool[np.ndarra
     return (length < shell.least) | (length > shell.greatest)
 
 
-def limb_contradicted(
-    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, " 3"] | None, depth: DepthMap
+def contradicted(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "n 3"] | None, depth: DepthMap
 ) -> Bool[np.ndarray, " n"]:
-    """Whether the camera sees something behind a particle, or behind the limb that leads to it."""
-    out = contradicted(p, depth)
-    if father is None:
-        return out
-    for share in depth.along:
-        left = np.flatnonzero(~out)
-        if share < 1.0 and left.size:
-            out[left] = contradicted(father + share * (p[left] - father), depth)
-    return out
+    """Whether the camera sees something behind a particle, or behind the limb that leads to it.
+
+    Off the image, or without any reading near, nothing speaks.
+    """
+    shares = np.array(depth.along if father is not None else (1.0,))
+    root = p if father is None else father
+    limb = root[:, None] + shares[:, None] * (p - root)[:, None]
+    uv = project_camera(depth.camera, limb.reshape(-1, 3)).reshape(*limb.shape[:2], 2)
+    return _kernels.seen_through(depth.depth, uv, limb[..., 2].copy(), depth.margin, depth.noise, depth.reach)
 
 
-def contradicted(p: Float[np.ndarray, "n 3"], depth: DepthMap) -> Bool[np.ndarray, " n"]:
-    """Whether the camera sees something behind a particle. Off the image, or without any reading, nothing speaks."""
-    out = np.zeros(p.shape[0], bool)
-    uv = project_camera(depth.camera, p)
+def seen_through_numpy(
+    depth: Float32[np.ndarray, "h w"],
+    uv: Float[np.ndarray, "n s 2"],
+    z: Float[np.ndarray, "n s"],
+    margin: float,
+    noise: float,
+    reach: int,
+) -> Bool[np.ndarray, " n"]:
+    """Twin of the compiled look at limbs."""
+    height, width = depth.shape
     with np.errstate(invalid="ignore"):
         place = np.rint(uv)
-        on = ((place >= 0) & (place < (depth.camera.width, depth.camera.height))).all(axis=1)
-    at = np.flatnonzero(on)
-    column, row = place[at].astype(np.int64).T
-    reading = _kernels.nearest_readings(
-        depth.depth, np.ascontiguousarray(row), np.ascontiguousarray(column), depth.reach
-    ).astype(float)
-    z = p[at, 2]
-    out[at] = reading > z + depth.margin + depth.noise * z * z
-    return out
+        on = np.all((place >= 0) & (place < (width, height)), axis=-1)
+    column, row = np.moveaxis(np.where(on[..., None], place, 0.0).astype(np.int64), -1, 0)
+    reading = nearest_readings_numpy(depth, row.ravel(), column.ravel(), reach).reshape(z.shape).astype(float)
+    return np.any(on & (reading > z + margin + noise * z * z), axis=1)
 
 
 def nearest_readings_numpy(

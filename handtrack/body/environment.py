@@ -173,16 +173,19 @@ class Embree:
     def hits(self, origins: Float[np.ndarray, "*n 3"], vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """See `RayCaster`."""
         way = np.ascontiguousarray(vectors, np.float32)
-        start = np.ascontiguousarray(np.broadcast_to(origins, vectors.shape), np.float32)
+        start = np.empty(way.shape, np.float32)
+        start[:] = origins
         share = self._scene.run(start, way, query="DISTANCE").astype(float)
-        good = np.isfinite(way).all(axis=1) & np.isfinite(start).all(axis=1) & (way != 0).any(axis=1)
-        return np.where(good & (share <= 1.0), share, np.inf)
+        with np.errstate(invalid="ignore", over="ignore"):
+            size = np.einsum("ij,ij->i", way, way) + 0.0 * np.einsum("ij->i", start)  # NaN where a place is not finite
+            share[~((share <= 1.0) & (size > 0.0) & (size < np.inf))] = np.inf
+        return share
 
 
 def hits_numpy(
     room: Room, origins: Float[np.ndarray, "*n 3"], vectors: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Twin of the compiled tree: every ray against every triangle (Moeller & Trumbore 1997)."""
+    """Twin of the compiled tree and its rays: every ray against every triangle (Moeller & Trumbore 1997)."""
     corner = room.vertices[room.triangles]
     start = np.broadcast_to(origins, vectors.shape)
     out = np.full(vectors.shape[0], np.inf)

@@ -10,7 +10,7 @@ which has the spread `sigma_v` for ever, whatever the time step; particles live 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from .particles import Scheme, effective_size, estimate, normalised, resampled, 
 
 Status = Literal["tracked", "predicted", "uncertain", "lost"]
 NEVER = math.inf
+SHELL_TIME = 1.0 / 30.0  # seconds after which hidden particles are weighed by their distance once more
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +68,15 @@ class Cloud:
     log_weight : (n,)
     unseen : float
         Seconds since the last measurement; infinite where there has been none.
+    apart : (n, 3) or None
+        Where each particle takes the joint before to be: standard deviations from its estimate, along the columns of
+        the root of its covariance. None where this has not been drawn.
     """
 
     x: Float[np.ndarray, "n 6"]
     log_weight: Float[np.ndarray, " n"]
     unseen: float = NEVER
+    apart: Float[np.ndarray, "n 3"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +146,7 @@ def measured(
     rng: np.random.Generator,
     cloud: Cloud,
     y: Float[np.ndarray, " 3"],
-    father: Float[np.ndarray, " 3"] | None,
+    father: Float[np.ndarray, "*n 3"] | None,
     tests: Constraints,
     motion: Motion,
     sampling: Sampling,
@@ -159,7 +164,7 @@ def measured(
     if not tested.alive.any() or far[tested.alive].min() > 16.0:
         cloud = born(rng, y, motion.sensor, motion.start_speed, sampling.particles, 0.0)
         return cloud, estimated(cloud, "tracked", tested.kills)
-    cloud = Cloud(cloud.x, logs - logs.max(), 0.0)
+    cloud = replace(cloud, log_weight=logs - logs.max(), unseen=0.0)
     return renewed(rng, cloud, sampling), estimated(cloud, "tracked", tested.kills)
 
 
@@ -167,21 +172,24 @@ def hidden(
     rng: np.random.Generator,
     cloud: Cloud,
     dt: float,
-    father: Float[np.ndarray, " 3"] | None,
+    father: Float[np.ndarray, "*n 3"] | None,
     tests: Constraints,
     sampling: Sampling,
 ) -> tuple[Cloud, Estimate | None]:
     """The step of open loop, after the particles moved; no estimate where all died."""
     tested = survivors(cloud.x[:, :3], father, tests, np.isfinite(cloud.log_weight))
-    logs = np.where(tested.alive, cloud.log_weight + _shell_weight(cloud.x[:, :3], father, tests), -np.inf)
-    left = Cloud(cloud.x, logs, cloud.unseen + dt)
+    # a length is one fact, however many frames there are: its weight belongs to a time
+    likely = min(dt / SHELL_TIME, 1.0) * _shell_weight(cloud.x[:, :3], father, tests)
+    left = replace(
+        cloud, log_weight=np.where(tested.alive, cloud.log_weight + likely, -np.inf), unseen=cloud.unseen + dt
+    )
     if not tested.alive.any():
         return left, None
     return renewed(rng, left, sampling), estimated(left, "predicted", tested.kills)
 
 
 def _shell_weight(
-    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, " 3"] | None, tests: Constraints
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"] | None, tests: Constraints
 ) -> Float[np.ndarray, " n"]:
     """Logarithm of the likelihood of distances from the father; zero for a shell with hard edges only."""
     shell = tests.shell
@@ -197,7 +205,8 @@ def renewed(rng: np.random.Generator, cloud: Cloud, sampling: Sampling) -> Cloud
     if effective_size(weight) >= sampling.resample_below * weight.size:
         return cloud
     chosen = resampled(rng, weight, sampling.scheme, sampling.particles)
-    return Cloud(cloud.x[chosen], np.zeros(chosen.size), cloud.unseen)
+    apart = None if cloud.apart is None else cloud.apart[chosen]
+    return Cloud(cloud.x[chosen], np.zeros(chosen.size), cloud.unseen, apart)
 
 
 def estimated(cloud: Cloud, status: Status, kills: Int[np.ndarray, " 4"]) -> Estimate:

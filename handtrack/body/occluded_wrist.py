@@ -59,8 +59,16 @@ def step(state: ArmState, seen: Seen, scene: Scene, rng: np.random.Generator) ->
         cloud, estimate = _joint_step(rng, joint, before, dt, father, state, seen, scene)
         clouds.append(cloud)
         estimates.append(estimate)
-    elbow = estimates[1].mean
-    return replace(state, time=seen.time, clouds=tuple(clouds), elbow=elbow), tuple(estimates)
+    places = np.stack([each.mean for each in estimates[:2]])
+    spreads = np.stack([_root(each.covariance) for each in estimates[:2]])
+    new = replace(state, time=seen.time, clouds=tuple(clouds), places=places, spreads=spreads)
+    return new, tuple(estimates)
+
+
+def _root(covariance: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Columns whose products with independent standard deviations have this covariance; also of a flat one."""
+    variance, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(variance, 0.0)) @ axes.T
 
 
 def _unknown(rng: np.random.Generator, joint: int, settings: Settings) -> Cloud:
@@ -85,27 +93,52 @@ def _joint_step(
     sampling = settings.sampling if joint == 2 else settings.fathers
     y = seen.p[joint] if np.isfinite(seen.p[joint]).all() else None
     sigma = None if y is None else _sensor_sigma(joint, int(seen.state[joint]), settings)
-    known = father is not None and father.status != "lost"
-    place = father.mean if father is not None and known else None
+    known = father if father is not None and father.status != "lost" else None
+    cloud, place = _carried(rng, joint, cloud, dt, known, state, settings, sigma is None)
     if dt > 0.0 and cloud.unseen < NEVER:
-        x = cloud.x if joint < 2 or sigma is not None else _with_elbow(cloud.x, place, state, settings)
-        cloud = replace(cloud, x=moved(rng, x, dt, settings.motion, sigma is not None))
-    tests = _tests(joint, father if known else None, state, None if sigma is not None else seen.depth, scene)
+        cloud = replace(cloud, x=moved(rng, cloud.x, dt, settings.motion, sigma is not None))
+    tests = _tests(joint, known, state, None if sigma is not None else seen.depth, scene)
     if y is not None and sigma is not None:
         cloud, estimate = measured(rng, cloud, y, place, tests, replace(settings.motion, sensor=sigma), sampling)
         return cloud, estimate if sigma == settings.motion.sensor else _widened(estimate, settings.inferred_bias**2)
+    middle = None if known is None else known.mean
     if cloud.unseen == NEVER:
-        return never_seen(rng, cloud, joint, place, state, tests, settings)
+        return never_seen(rng, cloud, joint, middle, state, tests, settings)
     if y is not None and joint == 2 and seen.state[2] == INFERRED:
         cloud = _guessed(cloud, y, dt, settings)
     left, estimate = hidden(rng, cloud, dt, place, tests, sampling)
     if estimate is None:
-        return all_dead(rng, left, joint, place, state, tests, settings)
+        return all_dead(rng, left, joint, middle, state, tests, settings)
     if father is None:
         return left, estimate
-    estimate = replace(estimate, status=estimate.status if father.status == "tracked" else "uncertain")
-    # particles know the father's mean only; what is not known of him is not known of his child either
-    return left, _widened(estimate, father.covariance) if settings.soft_shell else estimate
+    return left, replace(estimate, status=estimate.status if father.status == "tracked" else "uncertain")
+
+
+def _carried(
+    rng: np.random.Generator,
+    joint: int,
+    cloud: Cloud,
+    dt: float,
+    father: Estimate | None,
+    state: ArmState,
+    settings: Settings,
+    hidden: bool,
+) -> tuple[Cloud, Float[np.ndarray, "*n 3"] | None]:
+    """Particles moved along with where each of them takes the joint before to be, and these places."""
+    if father is None:
+        return replace(cloud, apart=None), None
+    if settings.fathers_apart is None:
+        return cloud, father.mean
+    n = cloud.x.shape[0]
+    fresh = rng.normal(size=(n, 3))
+    keep = math.exp(-dt / settings.fathers_apart)
+    apart = fresh if cloud.apart is None else keep * cloud.apart + math.sqrt(1.0 - keep * keep) * fresh
+    place = father.mean + apart @ _root(father.covariance)
+    x = cloud.x
+    if hidden and cloud.apart is not None and state.places is not None and state.spreads is not None:
+        x = x.copy()
+        x[:, :3] += place - state.places[joint - 1] - cloud.apart @ state.spreads[joint - 1]
+    return replace(cloud, x=x, apart=apart), place
 
 
 def _sensor_sigma(joint: int, state: int, settings: Settings) -> float | None:
@@ -129,17 +162,6 @@ def _guessed(cloud: Cloud, y: Float[np.ndarray, " 3"], dt: float, settings: Sett
     return replace(cloud, log_weight=cloud.log_weight - 0.5 * far * min(dt / settings.lasting, 1.0))
 
 
-def _with_elbow(
-    x: Float[np.ndarray, "n 6"], elbow: Float[np.ndarray, " 3"] | None, state: ArmState, settings: Settings
-) -> Float[np.ndarray, "n 6"]:
-    """Hidden particles, moved along with the elbow."""
-    if settings.carry == "none" or elbow is None or state.elbow is None:
-        return x
-    out = x.copy()
-    out[:, :3] += elbow - state.elbow
-    return out
-
-
 def _tests(
     joint: int,
     father: Estimate | None,
@@ -155,7 +177,8 @@ def _tests(
         seen = DepthMap(depth, scene.camera, settings.margin, settings.noise, settings.reach, along)
     if joint == 0 or father is None:
         return Constraints(depth=seen)
-    sigma = math.sqrt(state.length_variance[joint - 1] + father.covariance.trace() / 3.0)
+    variance = 0.0 if settings.fathers_apart is not None else father.covariance.trace() / 3.0
+    sigma = math.sqrt(state.length_variance[joint - 1] + variance)
     middle = float(state.length[joint - 1])
     thick = settings.slack * sigma
     shell = Shell(max(middle - thick, 0.0), middle + thick, sigma if settings.soft_shell else None)

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
@@ -92,7 +92,7 @@ def ellipsoid(mean: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"
     [2.7955, 2.7955, 2.7955]
     """
     variance, axes = np.linalg.eigh(covariance)
-    return Ellipsoid(mean, axes, np.sqrt(np.maximum(variance, 0.0) * chi2.ppf(share, mean.size)))
+    return Ellipsoid(mean, axes, np.sqrt(np.maximum(variance, 0.0) * chdtri(mean.size, 1.0 - share)))
 
 
 def volume(covariance: Float[np.ndarray, "3 3"], share: float = 0.95) -> float:
@@ -102,7 +102,7 @@ def volume(covariance: Float[np.ndarray, "3 3"], share: float = 0.95) -> float:
     91.51
     """
     variance = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
-    return float(4.0 / 3.0 * np.pi * chi2.ppf(share, 3) ** 1.5 * np.sqrt(variance.prod()))
+    return float(4.0 / 3.0 * np.pi * chdtri(3, 1.0 - share) ** 1.5 * np.sqrt(variance.prod()))
 
 
 def mahalanobis(

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import cv2
-import numba
 import numpy as np
 from skimage.measure import profile_line
 
@@ -52,7 +51,6 @@ class Timing:
 def measure_all(frames: int = 60, repeats: int = 30) -> list[Timing]:
     """All timings, on one thread."""
     cv2.setNumThreads(1)
-    numba.set_num_threads(1)
     scene = two_finger_crossing(0, frames=frames)
     pictures = [np.asarray(image, dtype=np.float32) for image in images(scene)]
     return [

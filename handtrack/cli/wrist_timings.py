@@ -80,7 +80,7 @@ def _bare(room: Room, vectors: np.ndarray, repeats: int) -> float | None:
     from embreex.rtcore_scene import EmbreeScene
 
     device = EmbreeDevice()
-    scene = EmbreeScene(device)
+    scene = EmbreeScene(device, robust=True)  # as ours: rays do not pass between neighbouring triangles
     TriangleMesh(scene, np.ascontiguousarray(room.vertices[room.triangles], np.float32))
     start, way = np.zeros(vectors.shape, np.float32), vectors.astype(np.float32)
     return _median(lambda: scene.run(start, way, query="DISTANCE"), repeats)

@@ -115,7 +115,7 @@ def facts_of(
         held = np.linalg.norm(last_seen(seen, tracked) - truth, axis=1)
         square = squares(track, truth)
     quantile = nearest = None
-    if robot is not None and track.cloud.shape[1]:
+    if robot is not None and robot.radius.shape[1] and track.cloud.shape[1]:
         apart = robot_distance(track.cloud, robot)
         quantile, nearest = np.quantile(apart, 0.05, axis=1), apart.min(axis=1)
     return Facts(hidden, track.volume, error, held, square, quantile, nearest)

@@ -48,7 +48,8 @@ T = TypeVar("T")
 Engine = Callable[[Callable[[Unit], T], Sequence[Unit]], Iterator[T]]  # does a task for every unit, in any order
 Done = Callable[[int, int], None]  # told how many images are done, and how many of them were before this run
 
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+# Not numba's: it reads its variable again whenever it compiles, and refuses a change; none of our kernels has threads.
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 GO_ON = "what is finished stays, run again to go on"
 
 
