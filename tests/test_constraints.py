@@ -20,16 +20,18 @@ from handtrack.body.constraints import (
     carried,
     collides,
     contradicted,
+    limb_rays_numpy,
     nearest_readings_numpy,
     outside_shell,
     outside_volume,
+    outside_volume_numpy,
     plane_normal,
     seen_through_numpy,
     survivors,
     volume_at,
 )
 from handtrack.body.environment import ray_caster, room_of
-from handtrack.camera import perspective
+from handtrack.camera import orthographic, perspective
 
 CAMERA = perspective(40, 30, 40.0, 40.0, 20.0, 15.0, np.eye(3), np.zeros(3))
 WALL = room_of(np.array([[-9.0, -9, 2], [9, -9, 2], [0, 9, 2]]), np.array([[0, 1, 2]]))
@@ -49,14 +51,33 @@ def test_the_nearest_reading_is_found_as_by_looking_at_all(depth, asked, reach):
 
 
 @settings(deadline=None)
-@given(seed=st.integers(0, 10**6), reach=st.integers(1, 14))
-def test_limbs_are_looked_at_as_by_plain_arithmetic(seed, reach):
+@given(seed=st.integers(0, 10**6), reach=st.integers(1, 14), bent=st.booleans(), flat=st.booleans())
+def test_limbs_are_looked_at_as_by_plain_arithmetic(seed, reach, bent, flat):
     rng = np.random.default_rng(seed)
+    lens = np.array([-0.2, 0.1, 0.01, -0.02, 0.03]) if bent else None
+    camera = perspective(9, 12, 11.0, 12.0, 4.3, 5.2, np.eye(3), np.zeros(3), lens)
+    if flat:
+        camera = orthographic(9, 12, 5.0, 4.3, 5.2, np.eye(3), np.zeros(3))
     depth = rng.choice([0.0, 0.0, 1.0, 1.5, 2.0], (12, 9)).astype(np.float32)
-    uv = np.round(rng.uniform(-3, 13, (30, 3, 2)), 1)
-    uv[rng.random((30, 3)) < 0.1] = np.nan
-    asked = (depth, uv, rng.uniform(0.5, 2.5, (30, 3)), 0.02, 0.01, reach)
-    np.testing.assert_array_equal(_kernels.seen_through(*asked), seen_through_numpy(*asked))
+    father, p = rng.normal(size=(2, 40, 3)) * [0.5, 0.5, 0.8] + [0, 0, 1.2]
+    where = DepthMap(depth, camera, reach=reach, along=(0.3, 0.7, 1.0))
+    np.testing.assert_array_equal(contradicted(p, father, where), seen_through_numpy(p, father, where))
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6), start=st.floats(0, 0.2), most=st.floats(0, 1))
+def test_limbs_are_tested_as_by_plain_arithmetic(seed, start, most):
+    rng = np.random.default_rng(seed)
+    father, p = rng.normal(size=(2, 50, 3))
+    p[0] = father[0]
+    axes = Rotation.random(random_state=rng).as_matrix()
+    for ours, twin in zip(
+        _kernels.limb_rays(p, father, start, 0.1), limb_rays_numpy(p, father, start, 0.1), strict=True
+    ):
+        np.testing.assert_allclose(ours, twin, atol=1e-12)
+    np.testing.assert_allclose(_kernels.limb_lengths(p, father), np.linalg.norm(p - father, axis=1), atol=1e-12)
+    asked = (p, father, axes, most, 0.8, -0.7)
+    np.testing.assert_array_equal(_kernels.outside_wedge(*asked), outside_volume_numpy(*asked))
 
 
 def test_what_is_seen_through_is_contradicted():
@@ -114,14 +135,14 @@ def test_the_joint_volume_is_a_wedge_about_the_arms_plane(turn, bend, out, half)
     inside = math.acos(np.clip(-(fore @ upper), -1, 1))
     expected = abs(out) > half or inside < math.radians(20)
     if abs(abs(out) - half) > 1e-6 and abs(inside - math.radians(20)) > 1e-6:
-        assert outside_volume(0.3 * fore[None], volume)[0] == expected
+        assert outside_volume(0.3 * fore[None], np.zeros(3), volume)[0] == expected
 
 
 def test_a_forearm_may_not_fold_to_the_other_side_unless_it_is_nearly_straight():
     volume = volume_at(np.array([0, 0, -2.0]), np.array([0, -1.0, 0.3]), (0.3, math.pi), math.radians(10))
     folded, nearly, inner = (np.array([[math.sin(a), 0, -math.cos(a)]]) for a in (-0.6, -0.1, 0.6))
-    assert outside_volume(folded, volume)[0]
-    assert not outside_volume(nearly, volume)[0] and not outside_volume(inner, volume)[0]
+    found = [outside_volume(fore, np.zeros(3), volume)[0] for fore in (folded, nearly, inner)]
+    assert found == [True, False, False]
 
 
 @settings(deadline=None)
@@ -157,4 +178,4 @@ def test_tests_follow_each_other_and_each_counts_its_own_kills():
     assert survivors(father + way, None, tests).kills.tolist() == [0, 0, 0, 5]
     one = survivors(father + way, father, Constraints(shell=tests.shell), np.array([False, True, True, True, True]))
     assert one.alive.tolist() == [False, True, False, True, False] and one.kills.tolist() == [0, 0, 2, 0]
-    assert outside_shell(way, Shell(0.2, 0.3)).tolist() == [False, False, True, False, True]
+    assert outside_shell(way, np.zeros(3), Shell(0.2, 0.3)).tolist() == [False, False, True, False, True]

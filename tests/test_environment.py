@@ -8,7 +8,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handtrack.body.environment import ENGINES, Room, hits_numpy, ray_caster, read_room, room_of
+from handtrack import _kernels
+from handtrack.body.environment import ENGINES, Room, hits_numpy, ray_caster, read_room, room_of, within_numpy
 from handtrack.errors import InputError
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "room_meshes"
@@ -69,6 +70,17 @@ def test_rays_end_where_their_vector_ends(engine):
     share = ray_caster(room, engine).hits(np.zeros(3), vectors)
     np.testing.assert_allclose(share[1:3], [1 / 1.1, 0.5], rtol=1e-6)
     assert np.isinf(share[[0, 3, 4, 5]]).all()
+
+
+def test_shares_are_checked_as_by_plain_arithmetic():
+    rng = np.random.default_rng(0)
+    share = rng.choice([0.0, 0.5, 1.0, 1.5, np.inf, np.nan], 200).astype(np.float32)
+    origin, vector = (rng.choice([0, 1, -1, 0, 2, np.nan, np.inf], (200, 3), p=p).astype(np.float32) for p in (
+        [0.3, 0.2, 0.2, 0.1, 0.1, 0.05, 0.05], [0.5, 0.1, 0.1, 0.2, 0.0, 0.05, 0.05]
+    ))  # fmt: skip
+    ours, twin = _kernels.within(share, origin, vector), within_numpy(share, origin, vector)
+    np.testing.assert_array_equal(ours, twin)
+    assert 10 < np.isfinite(ours).sum() < 150
 
 
 @pytest.mark.parametrize("engine", ENGINES)

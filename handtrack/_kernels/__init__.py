@@ -6,6 +6,7 @@ layer stalls kernels of this size for milliseconds.
 
 from .bvh import build_tree as build_tree
 from .bvh import first_hits as first_hits
+from .bvh import within as within
 from .depth import nearest_readings as nearest_readings
 from .depth import seen_through as seen_through
 from .edges import find_edges as find_edges
@@ -24,6 +25,9 @@ from .learning import fill_shading as fill_shading
 from .learning import find_light as find_light
 from .learning import second_differences as second_differences
 from .learning import surface_points as surface_points
+from .limbs import limb_lengths as limb_lengths
+from .limbs import limb_rays as limb_rays
+from .limbs import outside_wedge as outside_wedge
 from .placing import count_samplers as count_samplers
 from .placing import place_outline as place_outline
 from .posture import chain_frames as chain_frames

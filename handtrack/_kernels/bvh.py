@@ -195,3 +195,20 @@ def first_hits(box, child, count, corner, origin, vector):  # pragma: no cover -
         if found:
             out[i] = best
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def within(share, origin, vector):  # pragma: no cover - compiled
+    """Shares of vectors in double precision, inf beyond the end of each and where a ray is none.
+
+    Twin: `body.environment.within_numpy`.
+    """
+    out = np.full(share.size, np.inf)
+    for i in range(share.size):
+        size, place = 0.0, 0.0
+        for d in range(3):
+            size += vector[i, d] * vector[i, d]
+            place += origin[i, d]
+        if share[i] <= 1.0 and 0.0 < size < np.inf and np.isfinite(place):
+            out[i] = share[i]
+    return out

@@ -39,24 +39,42 @@ def nearest_readings(depth, row, column, reach):  # pragma: no cover - compiled
     return out
 
 
-@njit(cache=True)
-def seen_through(depth, uv, z, margin, noise, reach):  # pragma: no cover - compiled
-    """Whether a reading lies behind any point of each limb, by more than `margin + noise z^2`.
+@njit(cache=True, error_model="numpy")
+def seen_through(
+    depth, p, father, shares, lens, bend, perspective, margin, noise, reach
+):  # pragma: no cover - compiled
+    """Whether a reading lies behind a point on the way from each father to each particle, by `margin + noise z^2`.
 
-    `uv` (n, s, 2) and `z` (n, s) are the pixels and depths of points in the middle of each limb.
+    `shares` (s,) are the places of the points on the way, `lens` is fx, fy, cx, cy and `bend` k1 k2 p1 p2 k3.
     Twin: `body.constraints.seen_through_numpy`.
     """
     height, width = depth.shape
-    dead = np.zeros(z.shape[0], np.bool_)
-    for i in range(z.shape[0]):
-        for k in range(z.shape[1] - 1, -1, -1):  # the end is farthest from what is known, and fails most often
-            u, v = uv[i, k, 0], uv[i, k, 1]
-            if not (-0.5 <= u < width and -0.5 <= v < height):  # NaN behind the camera
+    fx, fy, cx, cy = lens
+    k1, k2, p1, p2, k3 = bend
+    dead = np.zeros(p.shape[0], np.bool_)
+    for i in range(p.shape[0]):
+        for k in range(shares.size - 1, -1, -1):  # the end is farthest from what is known, and fails most often
+            s = shares[k]
+            x = father[i, 0] + s * (p[i, 0] - father[i, 0])
+            y = father[i, 1] + s * (p[i, 1] - father[i, 1])
+            z = father[i, 2] + s * (p[i, 2] - father[i, 2])
+            if perspective:
+                if not z > 0.0:
+                    continue
+                x, y = x / z, y / z
+                r2 = x * x + y * y
+                radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+                x, y = (
+                    x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                    y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+                )
+            u, v = x * fx + cx, y * fy + cy
+            if not (-0.5 <= u < width and -0.5 <= v < height):
                 continue
             c, r = round(u), round(v)
             if not (0 <= c < width and 0 <= r < height):
                 continue
-            if float(_nearest(depth, r, c, reach)) > z[i, k] + margin + noise * z[i, k] * z[i, k]:
+            if float(_nearest(depth, r, c, reach)) > z + margin + noise * z * z:
                 dead[i] = True
                 break
     return dead

@@ -137,17 +137,31 @@ def survivors(
     alive : (n,), optional
         Particles to be tested; all if not given.
     """
-    alive = np.ones(p.shape[0], bool) if alive is None else alive.copy()
     kills = np.zeros(len(TESTS), int)
-    root = None if father is None else np.broadcast_to(father, p.shape)
+    root = None if father is None else _each(father, p)
+    p = np.ascontiguousarray(p)
+    at = None if alive is None or alive.all() else np.flatnonzero(alive)  # None: all
     for k, test in enumerate(_tests(root is not None, tests)):
-        at = np.flatnonzero(alive)
-        if test is None or not at.size:
+        if test is None or (p.shape[0] if at is None else at.size) == 0:
             continue
-        dead = at[test(p[at], p[at] if root is None else root[at])]
-        alive[dead] = False
-        kills[k] = dead.size
-    return Survivors(alive, kills)
+        q = p if at is None else p[at]
+        dead = test(q, q if root is None else root if at is None else root[at])
+        kills[k] = np.count_nonzero(dead)
+        if kills[k]:
+            at = np.flatnonzero(~dead) if at is None else at[~dead]
+    left = np.full(p.shape[0], at is None)
+    if at is not None:
+        left[at] = True
+    return Survivors(left, kills)
+
+
+def _each(father: Float[np.ndarray, "*n 3"], p: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """A father for each particle."""
+    if father.ndim == 2:
+        return np.ascontiguousarray(father)
+    out = np.empty(p.shape)
+    out[:] = father
+    return out
 
 
 def _tests(rooted: bool, tests: Constraints):
@@ -155,39 +169,76 @@ def _tests(rooted: bool, tests: Constraints):
     room, volume, shell, depth = tests.room, tests.volume, tests.shell, tests.depth
     return (
         None if room is None or not rooted else lambda p, root: collides(p, root, room),
-        None if volume is None or not rooted else lambda p, root: outside_volume(p - root, volume),
-        None if shell is None or not rooted else lambda p, root: outside_shell(p - root, shell),
+        None if volume is None or not rooted else lambda p, root: outside_volume(p, root, volume),
+        None if shell is None or not rooted else lambda p, root: outside_shell(p, root, shell),
         None if depth is None else lambda p, root: contradicted(p, root if rooted else None, depth),
     )
 
 
 def collides(p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"], room: Room) -> Bool[np.ndarray, " n"]:
     """Whether the way from the father, and `clearance` beyond, meets the room."""
+    origin, vector = _kernels.limb_rays(p, _each(father, p), room.start, room.clearance)
+    return room.caster.hits(origin, vector) <= 1.0
+
+
+def limb_rays_numpy(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "n 3"], start: float, beyond: float
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Twin of the compiled rays along limbs."""
     way = p - father
     length = np.linalg.norm(way, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = np.where(length > 0, way / length, 0.0)
-    ahead = np.maximum(length - room.start, 0.0) + room.clearance
-    return room.caster.hits(father + room.start * unit, ahead * unit) <= 1.0
+    return father + start * unit, (np.maximum(length - start, 0.0) + beyond) * unit
 
 
-def outside_volume(fore: Float[np.ndarray, "n 3"], volume: JointVolume) -> Bool[np.ndarray, " n"]:
+def outside_volume(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"], volume: JointVolume
+) -> Bool[np.ndarray, " n"]:
     """Whether forearms (elbow to wrist) leave the arm's plane by more than allowed, or bend the elbow too far.
 
     A nearly straight forearm may be on the far side of the upper arm by the same angle.
     """
-    length = np.maximum(np.linalg.norm(fore, axis=1), 1e-12)
-    out = np.abs(fore @ volume.normal) / length
-    inner = fore @ np.cross(volume.normal, volume.upper) / length
-    inside = np.arccos(np.clip(-(fore @ volume.upper) / length, -1.0, 1.0))
+    return _kernels.outside_wedge(p, _each(father, p), *_wedge(volume))
+
+
+def _wedge(volume: JointVolume) -> tuple[Float[np.ndarray, "3 3"], float, float, float]:
+    """Normal, inner direction and upper arm; sine of the half-thickness; cosines of the elbow's range."""
+    axes = np.stack([volume.normal, np.cross(volume.normal, volume.upper), volume.upper])
     most = math.sin(min(volume.half_thickness, 0.5 * math.pi))
-    return (out > most) | (inner < -most) | (inside < volume.elbow[0]) | (inside > volume.elbow[1])
+    return axes, most, math.cos(volume.elbow[0]), math.cos(volume.elbow[1])
 
 
-def outside_shell(way: Float[np.ndarray, "n 3"], shell: Shell) -> Bool[np.ndarray, " n"]:
+def outside_volume_numpy(
+    p: Float[np.ndarray, "n 3"],
+    father: Float[np.ndarray, "n 3"],
+    axes: Float[np.ndarray, "3 3"],
+    most: float,
+    least_bend: float,
+    most_bend: float,
+) -> Bool[np.ndarray, " n"]:
+    """Twin of the compiled test of the joint volume."""
+    fore = p - father
+    off, inner, along = axes @ fore.T / np.maximum(np.linalg.norm(fore, axis=1), 1e-12)
+    return (np.abs(off) > most) | (inner < -most) | (-along > least_bend) | (-along < most_bend)
+
+
+def outside_shell(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"], shell: Shell
+) -> Bool[np.ndarray, " n"]:
     """Whether distances from the father are beyond the shell's."""
-    length = np.linalg.norm(way, axis=1)
+    length = _kernels.limb_lengths(p, _each(father, p))
     return (length < shell.least) | (length > shell.greatest)
+
+
+def shell_weight(
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"] | None, shell: Shell | None
+) -> Float[np.ndarray, " n"] | float:
+    """Logarithm of the likelihood of distances from the father; zero for a shell with hard edges only."""
+    if father is None or shell is None or shell.sigma is None:
+        return 0.0
+    length = _kernels.limb_lengths(np.ascontiguousarray(p), _each(father, p))
+    return -0.5 * ((length - 0.5 * (shell.least + shell.greatest)) / shell.sigma) ** 2
 
 
 def contradicted(
@@ -198,28 +249,27 @@ def contradicted(
     Off the image, or without any reading near, nothing speaks.
     """
     shares = np.array(depth.along if father is not None else (1.0,))
-    root = p if father is None else father
-    limb = root[:, None] + shares[:, None] * (p - root)[:, None]
-    uv = project_camera(depth.camera, limb.reshape(-1, 3)).reshape(*limb.shape[:2], 2)
-    return _kernels.seen_through(depth.depth, uv, limb[..., 2].copy(), depth.margin, depth.noise, depth.reach)
+    camera = depth.camera
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    return _kernels.seen_through(
+        depth.depth, p, p if father is None else father, shares, lens, camera.distortion,
+        camera.kind == "perspective", depth.margin, depth.noise, depth.reach,
+    )  # fmt: skip
 
 
 def seen_through_numpy(
-    depth: Float32[np.ndarray, "h w"],
-    uv: Float[np.ndarray, "n s 2"],
-    z: Float[np.ndarray, "n s"],
-    margin: float,
-    noise: float,
-    reach: int,
+    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "n 3"], depth: DepthMap
 ) -> Bool[np.ndarray, " n"]:
-    """Twin of the compiled look at limbs."""
-    height, width = depth.shape
+    """Twin of the compiled look along limbs."""
+    limb = father[:, None] + np.array(depth.along)[:, None] * (p - father)[:, None]
+    uv, z = project_camera(depth.camera, limb), limb[..., 2]
+    height, width = depth.depth.shape
     with np.errstate(invalid="ignore"):
         place = np.rint(uv)
         on = np.all((place >= 0) & (place < (width, height)), axis=-1)
     column, row = np.moveaxis(np.where(on[..., None], place, 0.0).astype(np.int64), -1, 0)
-    reading = nearest_readings_numpy(depth, row.ravel(), column.ravel(), reach).reshape(z.shape).astype(float)
-    return np.any(on & (reading > z + margin + noise * z * z), axis=1)
+    reading = nearest_readings_numpy(depth.depth, row.ravel(), column.ravel(), depth.reach).reshape(z.shape)
+    return np.any(on & (reading.astype(float) > z + depth.margin + depth.noise * z * z), axis=1)
 
 
 def nearest_readings_numpy(

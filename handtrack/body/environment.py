@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from .. import _kernels
 from ..errors import InputError
@@ -175,11 +175,15 @@ class Embree:
         way = np.ascontiguousarray(vectors, np.float32)
         start = np.empty(way.shape, np.float32)
         start[:] = origins
-        share = self._scene.run(start, way, query="DISTANCE").astype(float)
-        with np.errstate(invalid="ignore", over="ignore"):
-            size = np.einsum("ij,ij->i", way, way) + 0.0 * np.einsum("ij->i", start)  # NaN where a place is not finite
-            share[~((share <= 1.0) & (size > 0.0) & (size < np.inf))] = np.inf
-        return share
+        return _kernels.within(self._scene.run(start, way, query="DISTANCE"), start, way)
+
+
+def within_numpy(
+    share: Float32[np.ndarray, " n"], origin: Float32[np.ndarray, "n 3"], vector: Float32[np.ndarray, "n 3"]
+) -> Float[np.ndarray, " n"]:
+    """Twin of the compiled check of Embree's answers."""
+    finite = np.isfinite(vector).all(axis=1) & np.isfinite(origin).all(axis=1)
+    return np.where(finite & vector.any(axis=1) & (share <= 1.0), share.astype(float), np.inf)
 
 
 def hits_numpy(

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from .constraints import TESTS, Constraints, survivors
+from .constraints import TESTS, Constraints, shell_weight, survivors
 from .particles import Scheme, effective_size, estimate, normalised, resampled, volume
 
 Status = Literal["tracked", "predicted", "uncertain", "lost"]
@@ -160,7 +160,9 @@ def measured(
         return cloud, estimated(cloud, "tracked", np.zeros(len(TESTS), int))
     far = ((y - cloud.x[:, :3]) ** 2).sum(axis=1) / motion.sensor**2
     tested = survivors(cloud.x[:, :3], father, tests)
-    logs = np.where(tested.alive, cloud.log_weight - 0.5 * far + _shell_weight(cloud.x[:, :3], father, tests), -np.inf)
+    logs = np.where(
+        tested.alive, cloud.log_weight - 0.5 * far + shell_weight(cloud.x[:, :3], father, tests.shell), -np.inf
+    )
     if not tested.alive.any() or far[tested.alive].min() > 16.0:
         cloud = born(rng, y, motion.sensor, motion.start_speed, sampling.particles, 0.0)
         return cloud, estimated(cloud, "tracked", tested.kills)
@@ -179,24 +181,13 @@ def hidden(
     """The step of open loop, after the particles moved; no estimate where all died."""
     tested = survivors(cloud.x[:, :3], father, tests, np.isfinite(cloud.log_weight))
     # a length is one fact, however many frames there are: its weight belongs to a time
-    likely = min(dt / SHELL_TIME, 1.0) * _shell_weight(cloud.x[:, :3], father, tests)
+    likely = min(dt / SHELL_TIME, 1.0) * shell_weight(cloud.x[:, :3], father, tests.shell)
     left = replace(
         cloud, log_weight=np.where(tested.alive, cloud.log_weight + likely, -np.inf), unseen=cloud.unseen + dt
     )
     if not tested.alive.any():
         return left, None
     return renewed(rng, left, sampling), estimated(left, "predicted", tested.kills)
-
-
-def _shell_weight(
-    p: Float[np.ndarray, "n 3"], father: Float[np.ndarray, "*n 3"] | None, tests: Constraints
-) -> Float[np.ndarray, " n"]:
-    """Logarithm of the likelihood of distances from the father; zero for a shell with hard edges only."""
-    shell = tests.shell
-    if father is None or shell is None or shell.sigma is None:
-        return np.zeros(p.shape[0])
-    apart = np.linalg.norm(p - father, axis=1) - 0.5 * (shell.least + shell.greatest)
-    return -0.5 * (apart / shell.sigma) ** 2
 
 
 def renewed(rng: np.random.Generator, cloud: Cloud, sampling: Sampling) -> Cloud:
