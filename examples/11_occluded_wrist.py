@@ -33,6 +33,7 @@ folder = Path(tempfile.mkdtemp()) / "cell"
 simulate_cell(folder, seed=2, settings=CellSettings(frames=110, fps=12.0, width=160, height=120, occlusion="static"))
 scene = read_rgbd(folder)
 arm = arm_of(scene.detections)
+assert scene.truth is not None  # the simulator writes it
 truth = scene.truth.p[:, 0, KEYPOINTS.index("right_wrist")]
 
 # %%
@@ -54,7 +55,7 @@ panels["image"].imshow(read_depth(scene, frame), cmap="Greys", vmin=1.0, vmax=4.
 for (name, track), colour in zip(tracks.items(), ("tab:orange", "tab:blue"), strict=True):
     u, v = project(scene.camera, track.cloud[frame].astype(float)).T
     panels["image"].plot(u, v, ".", ms=3, alpha=0.6, color=colour, label=f"particles, {name}")
-    panels["error"].plot(track.time, 1e3 * facts[name].error, color=colour, label=name)
+    panels["error"].plot(track.time, 1e3 * np.linalg.norm(track.mean - truth, axis=1), color=colour, label=name)
     panels["volume"].semilogy(track.time, 1e3 * track.volume, color=colour)
 panels["image"].plot(*project(scene.camera, truth[frame : frame + 1]).T, "+", color="red", ms=14, mew=2, label="truth")
 panels["image"].set(title=f"depth, frame {frame}", xlim=(0, 159), ylim=(119, 0), xticks=[], yticks=[])

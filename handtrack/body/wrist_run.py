@@ -20,7 +20,7 @@ from .arm import Side
 from .environment import Engine, RayCaster, ray_caster, read_room
 from .joint_filter import Cloud, Estimate
 from .occluded_wrist import JOINTS, TRACKED, VARIANTS, Scene, Seen, Settings, Variant, begin, settings_of, step
-from .particles import estimate, normalised, resampled
+from .particles import normalised, resampled
 
 __all__ = ["JOINTS", "VARIANTS", "Arm", "Followed", "WristTrack", "arm_of", "arm_seen", "follow", "run", "settings_for"]
 
@@ -192,25 +192,18 @@ def run(
         state, estimates = step(state, seen, told, rng)
         seconds.append(perf_counter() - begun)
         found.append(estimates)
-        clouds.append(_thinned(thinning, state.clouds[2], estimates[2].covariance))
+        clouds.append(_thinned(thinning, state.clouds[2]))
         if progress is not None:
             progress(frame + 1)
     return _track(scene.detections.time, found, np.stack(clouds), np.array(seconds), used.warnings)
 
 
-def _thinned(rng: np.random.Generator, cloud: Cloud, stated: Float[np.ndarray, "3 3"]) -> Float32[np.ndarray, "c 3"]:
-    """Some particles, drawn by their weights, as widely spread as is stated.
-
-    Particles know the elbow's mean only; where the elbow is not sure, the stated covariance is larger than theirs, and
-    what is missing is added to each at random. Otherwise a distance to the cloud would not be a cautious one.
-    """
+def _thinned(rng: np.random.Generator, cloud: Cloud) -> Float32[np.ndarray, "c 3"]:
+    """Some particles, drawn by their weights."""
     weight = normalised(cloud.log_weight)
     if not weight.any():
         weight = np.full(weight.size, 1.0 / weight.size)
-    _, own = estimate(cloud.x[:, :3], weight)
-    variance, axes = np.linalg.eigh(stated - own)
-    missing = np.sqrt(np.maximum(variance, 0.0)) * rng.normal(size=(SHOWN, 3)) @ axes.T
-    return (cloud.x[resampled(rng, weight, count=SHOWN), :3] + missing).astype(np.float32)
+    return cloud.x[resampled(rng, weight, count=SHOWN), :3].astype(np.float32)
 
 
 def _track(
