@@ -22,15 +22,16 @@ def bench(
     ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="JSON for machines.")] = False,
 ) -> None:
-    """Timings after warm-up, on one thread: tracking, renderer, profiles, kinematics, hidden wrist, labelled images."""
+    """Timings after warm-up, on one thread: tracking, renderer, profiles, kinematics, bodies, labelled images."""
     from .dataset_timings import Rate, rates
     from .label_timings import labels
     from .memory import growth_mb
+    from .people_timings import people
     from .timings import measure_all
     from .wrist_timings import wrist
 
     note("warming up: compiling and tracking once")
-    results = [*measure_all(frames), *wrist(frames)]
+    results = [*measure_all(frames), *wrist(frames), *people(frames)]
     made: list[Rate] = []
     with TemporaryDirectory() as folder:
         results += labels(frames // 2, surface, Path(folder))

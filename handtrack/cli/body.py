@@ -6,8 +6,12 @@ from typing import Annotated, Literal
 import typer
 
 from .console import progress, say, say_json, warning
+from .people import people, simulate_people
+from .rooms import register, room
 
-app = typer.Typer(help="Follow bodies: the wrist that a depth camera loses behind things.")
+app = typer.Typer(
+    help="Follow bodies: the wrist that a depth camera loses behind things, people in view;\nand get the room ready."
+)
 
 Variant = Literal["original", "joint-volume", "complete"]
 Side = Literal["right", "left"]
@@ -83,3 +87,9 @@ def simulate(
     with progress("simulating", None):
         simulated(out, seed, chosen)
     say(str(out / "scene.yaml"))
+
+
+app.command()(people)
+app.command("simulate-people")(simulate_people)
+app.command()(room)
+app.command()(register)

@@ -7,6 +7,7 @@ import typer
 
 from ..errors import InputError
 from .console import progress, say, say_json, table
+from .hri_tasks import hri_tasks
 from .track import Residuals, Solver
 
 app = typer.Typer(help="Published tables and figures, theirs beside ours.")
@@ -186,6 +187,9 @@ def assembly_occlusion(
         say(f"{result.kind} occlusion, {result.cycles} cycles, {result.hidden} hidden frames")
         say(table(HEADER, table_rows(result)) + "\n")
     say("theirs: section 7.3.3, errors behind a shelf; 'one order' of magnitude in words only; recovery in frames")
+
+
+app.command("hri-tasks")(hri_tasks)
 
 
 def result_share(facts: dict[str, object]) -> float:
