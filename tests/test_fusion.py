@@ -156,7 +156,9 @@ def test_the_same_images_are_fused_to_the_same_bytes():
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared depth images are not here")
 def test_a_room_fused_from_four_images_foretells_the_fifth():
     files = [DATA / "depth" / f"{i:05d}.png" for i in range(5)]
-    depths = [cv2.imread(str(file), cv2.IMREAD_UNCHANGED).astype(np.float32) / np.float32(1000) for file in files]
+    depths = [
+        np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)).astype(np.float32) / np.float32(1000) for file in files
+    ]
     lines = (DATA / "trajectory.log").read_text().splitlines()
     poses = np.array([[line.split() for line in lines[5 * i + 1 : 5 * i + 5]] for i in range(5)], float)
     camera = perspective(640, 480, 525.0, 525.0, 319.5, 239.5, np.eye(3), np.zeros(3))
@@ -316,7 +318,7 @@ def test_a_fused_room_is_written_and_shown_from_the_command_line(tmp_path, capsy
     assert main([*command, str(tmp_path / "room.ply"), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["images"] == 2 and facts["triangles"] == read_room(tmp_path / "room.ply").triangles.shape[0] > 1000
-    picture = cv2.imread(facts["picture"]).astype(int)
+    picture = np.asarray(cv2.imread(facts["picture"])).astype(int)
     assert picture.shape == (60, 80, 3)
     assert picture[30, 30].mean() > picture[10, 60].mean() > 120  # the box is nearer; both face the camera
     assert main([*command, str(tmp_path / "r.ply")]) == 0

@@ -47,6 +47,8 @@ class Settings:
         Standard deviations of the distance from father to joint that the shell is half as thick as.
     fathers, sampling : Sampling
         Of shoulder and elbow, and of the wrist.
+    fathers_speed : float
+        As `motion.speed`, of shoulder and elbow: they move less than the wrist, which hangs on them.
     margin, noise, reach, limb : float, float, int, tuple of float
         Of the depth test: see `constraints.DepthMap`, where `limb` is `along` for the forearm.
     start, clearance : float
@@ -61,6 +63,7 @@ class Settings:
     motion: Motion = field(default_factory=Motion)
     sampling: Sampling = field(default_factory=Sampling)
     fathers: Sampling = field(default_factory=lambda: Sampling(particles=500))
+    fathers_speed: float = 0.25
     elbow: tuple[float, float] = (math.radians(20.0), math.pi)
     half_thickness: float = math.radians(18.0)
     inferred: float | None = 0.05
@@ -156,6 +159,7 @@ def settings_of(variant: Variant) -> Settings:
         inferred_wrist=None,
         soft_shell=False,
         fathers_apart=None,
+        fathers_speed=Motion().speed,
         limb=(1.0,),
     )
 

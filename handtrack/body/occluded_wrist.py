@@ -96,7 +96,8 @@ def _joint_step(
     known = father if father is not None and father.status != "lost" else None
     cloud, place = _carried(rng, joint, cloud, dt, known, state, settings, sigma is None)
     if dt > 0.0 and cloud.unseen < NEVER:
-        cloud = replace(cloud, x=moved(rng, cloud.x, dt, settings.motion, sigma is not None))
+        motion = settings.motion if joint == 2 else replace(settings.motion, speed=settings.fathers_speed)
+        cloud = replace(cloud, x=moved(rng, cloud.x, dt, motion, sigma is not None))
     tests = _tests(joint, known, state, None if sigma is not None else seen.depth, scene)
     if y is not None and sigma is not None:
         cloud, estimate = measured(rng, cloud, y, place, tests, replace(settings.motion, sensor=sigma), sampling)

@@ -32,7 +32,7 @@ WORTH = 10.0  # ... which counts as much as so many numbers that were
 FINEST = 0.05  # pixels: below it corners are not told apart as good and bad
 WRONG = 6.0  # standard deviations
 STEPS = 30
-SETTLED = 1e-11
+SETTLED = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
