@@ -84,7 +84,8 @@ def test_keypoints_in_pixels_are_placed_by_depth_in_the_cameras_own_axes(tmp_pat
     assert np.allclose(p[0, 5], [(65 - 80) / 50, (54 - 60) / 50, 2.0])  # right wrist
     assert opened.camera is not None and np.array_equal(opened.camera.R, np.eye(3)) and not opened.camera.t.any()
     deeper = open_people(folder / "pose", given(folder)).detections.p
-    assert np.allclose(np.linalg.norm(deeper - p, axis=-1)[np.isfinite(p[..., 0])], 0.035)
+    moved = np.linalg.norm(deeper - p, axis=-1)[:, :12]
+    assert np.allclose(moved[np.isfinite(p[:, :12, 0])], 0.035)
     assert [name for name, _ in opened.files] == ["keypoints", "camera", "depth"]
 
 

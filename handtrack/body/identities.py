@@ -146,8 +146,8 @@ def returned(
 
 
 def undone_swaps(
-    expected: Float[np.ndarray, "a 12 3"], p: Float[np.ndarray, "a 12 3"], confidence: Float[np.ndarray, "a 12"]
-) -> tuple[Float[np.ndarray, "a 12 3"], Float[np.ndarray, "a 12"]]:
+    expected: Float[np.ndarray, "a 12 3"], p: Float[np.ndarray, "a 12 3"], confidence: Float[np.ndarray, "a 12 2"]
+) -> tuple[Float[np.ndarray, "a 12 3"], Float[np.ndarray, "a 12 2"]]:
     """Change left and right back where that fits what is expected of the person clearly better, pair by pair.
 
     Parameters
@@ -161,7 +161,7 @@ def undone_swaps(
     pair = straight.reshape(-1, 6, 2).sum(axis=-1), across.reshape(-1, 6, 2).sum(axis=-1)
     with np.errstate(invalid="ignore"):
         wrong = np.repeat(pair[1] + SWAP_MARGIN < 0.5 * pair[0], 2, axis=-1)
-    return np.where(wrong[..., None], p[:, other], p), np.where(wrong, confidence[:, other], confidence)
+    return np.where(wrong[..., None], p[:, other], p), np.where(wrong[..., None], confidence[:, other], confidence)
 
 
 SWAP_MARGIN = 0.03  # metres

@@ -4,37 +4,25 @@ For every frame: `spatial.evaluate` judges skeletons, `identities` says who is w
 The same skeletons, settings and random numbers give the same people.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Int8
+from jaxtyping import Float, Int
 
-from ..formats.people import LOST, PREDICTED, SEEN, People
+from ..formats.people import People
 from ..formats.skeletons import Detections
-from .identities import Costs, assigned, costs, gates, newcomers, returned, undone_swaps
-from .people_output import PeopleFrame, frame_of, gathered
+from .identities import assigned, costs, gates, newcomers
+from .people_life import PeopleState as PeopleState
+from .people_life import living
+from .people_output import PeopleFrame as PeopleFrame
+from .people_output import frame_of, gathered
 from .people_settings import Settings as Settings
-from .people_tracks import BONE, TENTATIVE, Remembered, Tracks, chosen, joined, nobody, nobody_remembered, places
-from .permanence import PARENT, Particles, Stories, paper_step, robust_step, seen_now
+from .people_tracks import Tracks, joined, nobody, nobody_remembered
+from .people_update import Moment, Pairs, filtered
 from .skeleton_graph import FILTERED
 from .spatial import Spatial, clean, evaluate
 
-LIKELY, UNLIKELY = 0.42, 6  # mean confidence at which one is confirmed at once; otherwise it takes so many times longer
 FEWEST = 4  # keypoints of somebody new
-PATIENCE = 0.15  # seconds for which one who is not confirmed may be unseen
-AWAY = 0.3  # seconds unseen after which a known person may be found again elsewhere
-_EVERY = np.full(FILTERED, True)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PeopleState:
-    """What is known after a frame: who is followed, who is remembered, the next label, the time."""
-
-    settings: Settings
-    tracks: Tracks
-    remembered: Remembered
-    next_label: int
-    time: float
 
 
 def begin(settings: Settings) -> PeopleState:
@@ -82,23 +70,47 @@ def step(
     settings = state.settings
     raw = clean(p, confidence)[1]
     seen = evaluate(p, confidence, settings)
-    tracks = state.tracks
+    tracks, who, which, expected = _paired(state.tracks, seen, raw, dt, settings)
+    tracks = filtered(tracks, Pairs(who, which, expected), seen, raw, Moment(time, dt), settings, rng)
+    state = living(replace(state, tracks=tracks, time=float(time)), dt)
+    return state, frame_of(state.tracks, settings)
+
+
+def follow(detections: Detections, settings: Settings, seed: int = 1) -> People:
+    """Follow everybody through a recording.
+
+    Between leaving and coming back a person has entries that are lost, so that no gap is without status.
+
+    Parameters
+    ----------
+    seed : int
+        Decides every random choice.
+    """
+    state, rng = begin(settings), np.random.default_rng(seed)
+    rows = np.searchsorted(detections.frame, np.arange(detections.time.size + 1))
+    frames = []
+    for n, time in enumerate(detections.time.tolist()):
+        here = slice(rows[n], rows[n + 1])
+        state, frame = step(state, time, detections.p[here], detections.confidence[here], rng)
+        frames.append(frame)
+    return gathered(detections.time, frames, detections.warnings)
+
+
+def _paired(
+    tracks: Tracks, seen: Spatial, raw: Float[np.ndarray, "m 16"], dt: float, settings: Settings
+) -> tuple[Tracks, Int[np.ndarray, " a"], Int[np.ndarray, " a"], Float[np.ndarray, "q 12 3"]]:
+    """Tracks with those who are new, who is which skeleton, and where everybody's keypoints are expected."""
     expected = tracks.p + (tracks.drift * dt)[:, None]
     found = costs(expected, tracks.confidence, seen.p[:, :FILTERED], raw[:, :FILTERED], settings)
-    found = Costs(found.distance, found.confidence, np.where(seen.kept, found.total, np.inf))
     found = replace(found, distance=np.where(seen.kept, found.distance, np.inf))
-    who, which, _ = _known_first(found, tracks, gates(tracks.unseen, settings))
+    who, which, _ = assigned(found, gates(tracks.unseen, settings))
     enough = seen.kept & ((raw[:, :FILTERED] > 0).sum(axis=1) >= FEWEST)
     new = newcomers(found, which, tracks.label >= 0, enough)
-    if new.size:
-        who = np.concatenate([who, np.arange(new.size) + tracks.label.size])
-        which = np.concatenate([which, new])
-        tracks = joined(tracks, nobody(new.size, settings))
-        expected = np.concatenate([expected, np.full((new.size, FILTERED, 3), np.nan)])
-    tracks, used = _filtered(tracks, seen, (who, which), expected, time, dt, settings, rng)
-    state = _living(replace(state, tracks=tracks, time=time), dt)
-    tracks = state.tracks
-    return state, frame_of(tracks, used[: tracks.label.size] if used.shape[0] == tracks.label.size else used, settings)
+    if not new.size:
+        return tracks, who, which, expected
+    who = np.concatenate([who, np.arange(new.size) + tracks.label.size])
+    expected = np.concatenate([expected, np.full((new.size, FILTERED, 3), np.nan)])
+    return joined(tracks, nobody(new.size, settings)), who, np.concatenate([which, new]), expected
 
 
 def _checked(state: PeopleState, time: float, p: Float[np.ndarray, "m 16 3"], confidence: np.ndarray) -> float:

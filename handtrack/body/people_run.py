@@ -39,7 +39,7 @@ def settings_for(mode: str) -> Settings:
     InputError
         If the mode is unknown.
     """
-    known = next((name for name in MODES if name == mode), None)
+    known: Mode | None = next((name for name in MODES if name == mode), None)
     if known is None:
         raise InputError(f"--mode: {mode} given; wanted: {', '.join(MODES)}")
     return Settings(mode=known)

@@ -41,6 +41,8 @@ class Tracks:
         Running mean.
     hidden : (q, 12)
         Seconds for which each keypoint has been predicted; inf where never seen.
+    used : (q, 12)
+        Confidence of this frame's measurement where it is believed, else 0.
     clouds : Stories or Particles
     """
 
@@ -57,6 +59,7 @@ class Tracks:
     covariance: Float[np.ndarray, "q 12 3 3"]
     confidence: Float[np.ndarray, "q 12"]
     hidden: Float[np.ndarray, "q 12"]
+    used: Float[np.ndarray, "q 12"]
     clouds: Stories | Particles
 
 
@@ -78,7 +81,7 @@ def nobody(q: int, settings: Settings) -> Tracks:
     return Tracks(
         np.full(q, TENTATIVE), np.zeros(q, dtype=int), np.zeros(q), np.zeros(q), np.full(q, np.nan), np.zeros(q),
         np.zeros((q, 3)), np.full((q, k), np.nan), np.zeros((q, k)), np.full((q, k, 3), np.nan),
-        np.full((q, k, 3, 3), np.nan), np.zeros((q, k)), np.full((q, k), np.inf), clouds,
+        np.full((q, k, 3, 3), np.nan), np.zeros((q, k)), np.full((q, k), np.inf), np.zeros((q, k)), clouds,
     )  # fmt: skip
 
 

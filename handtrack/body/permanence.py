@@ -141,7 +141,8 @@ def robust_step(
 
     >>> z = np.full((1, 12, 3), np.nan)
     >>> z[0, 4] = 0.0, 0.0, 2.0
-    >>> _, found = robust_step(no_stories(1, 4), z, np.full((1, 12), 0.7), 0.03, np.zeros((1, 3)), np.full((1, 12), 0.3))
+    >>> length = np.full((1, 12), 0.3)
+    >>> _, found = robust_step(no_stories(1, 4), z, np.full((1, 12), 0.7), 0.03, np.zeros((1, 3)), length)
     >>> found.p[0, 4].tolist(), bool(np.isnan(found.p[0, 5]).all())
     ([0.0, 0.0, 2.0], True)
     """

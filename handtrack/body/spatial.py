@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from .people_settings import Settings
 from .skeleton_graph import FAR, NEAR, ROOT, SEGMENTS, SHARE, complete, heights, lengths
 
-KEPT, EMPTY, DISTANT, MISSHAPEN = "", "no keypoint", "beyond the distance", "no plausible height"
+REASONS = ("", "no keypoint", "beyond the distance", "no plausible height")
 _END = np.zeros((2, len(SEGMENTS), 16))
 _END[0, np.arange(len(SEGMENTS)), NEAR] = 1.0
 _END[1, np.arange(len(SEGMENTS)), FAR] = 1.0
@@ -97,10 +97,8 @@ def evaluate(
     with np.errstate(invalid="ignore"):
         distant = ~empty & (far > settings.distance)
     shapeless = ~empty & ~distant & np.isnan(height) & (bones >= _FEWEST)
-    reason = tuple(
-        EMPTY if a else DISTANT if b else MISSHAPEN if c else KEPT
-        for a, b, c in zip(empty.tolist(), distant.tolist(), shapeless.tolist(), strict=True)
-    )
+    which = np.select([empty, distant, shapeless], [1, 2, 3]).tolist()
+    reason = tuple(REASONS[i] for i in which)
     return Spatial(p, confidence, root, height, reward, ~(empty | distant | shapeless), reason)
 
 
