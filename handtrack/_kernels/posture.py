@@ -14,7 +14,7 @@ def sines(value, sine, cosine):  # pragma: no cover - compiled
     """Fill sines and cosines of angles below some 10^5, to rounding; one loop without branches, which vectorises.
 
     An angle less its nearest multiple k of pi / 2 lies within pi / 4, where Taylor's series to the 17th and 18th power
-    are exact to rounding; k tells which of the two is which, and their signs. Twin: `numpy.sin` and `numpy.cos`.
+    are exact to rounding; k tells which of the two is which, and their signs. Twin: `np.sin` (and `np.cos`).
     """
     for j in range(value.size):
         k = math.floor(value[j] * (2.0 / math.pi) + 0.5)

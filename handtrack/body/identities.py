@@ -19,7 +19,8 @@ from scipy.optimize import linear_sum_assignment
 from .people_settings import Settings
 from .skeleton_graph import FILTERED
 
-FAR = 0.6  # metres: what a keypoint adds at most, in mode `robust`
+FAR = 0.6  # metres: what a keypoint adds at most, in mode `robust`, if nothing else is said
+BEYOND = 1.5  # gates: what a keypoint adds at most, so that half of them may be anywhere
 GROWTH = 1.0  # m/s by which the gate widens while somebody is not seen
 WIDEST = 1.5  # metres
 TWIN = 0.2  # metres: a skeleton this near to a known person is a second report of him
@@ -43,6 +44,7 @@ def costs(
     seen_p: Float[np.ndarray, "m k 3"],
     seen_confidence: Float[np.ndarray, "m k"],
     settings: Settings,
+    farthest: Float[np.ndarray, " q"] | float = FAR,
 ) -> Costs:
     """D, C and M of every person with every skeleton.
 
@@ -51,6 +53,8 @@ def costs(
     p, confidence : (q, k, 3), (q, k)
         Where people are expected, metres, and how sure they were; NaN for keypoints that are not known.
     seen_p, seen_confidence : (m, k, 3), (m, k)
+    farthest : (q,) or float
+        What a keypoint adds to D at most, metres, in mode `robust`: more than the gate, or nobody is beyond it.
 
     >>> one, c = np.zeros((1, 12, 3)), np.ones((1, 12))
     >>> costs(one, c, one + [0.0, 0.6, 0.0], 0.5 * c, Settings(mode="paper")).total.round(2).tolist()
@@ -60,7 +64,7 @@ def costs(
     apart = np.sqrt((apart * apart).sum(axis=-1))
     common = ~np.isnan(apart)
     if settings.mode == "robust":
-        apart = np.minimum(apart, FAR)
+        apart = np.minimum(apart, np.broadcast_to(farthest, apart.shape[:1])[:, None, None])
     count = common.sum(axis=-1)
     none = count == 0
     count = np.maximum(count, 1)

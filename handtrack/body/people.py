@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ..formats.people import People
 from ..formats.skeletons import Detections
-from .identities import assigned, costs, gates, newcomers
+from .identities import BEYOND, assigned, costs, gates, newcomers
 from .people_life import PeopleState as PeopleState
 from .people_life import living
 from .people_output import PeopleFrame as PeopleFrame
@@ -20,6 +20,7 @@ from .people_settings import Settings as Settings
 from .people_tracks import Tracks, joined, nobody, nobody_remembered
 from .people_update import Moment, Pairs, filtered
 from .skeleton_graph import FILTERED
+from .skin import below_skin
 from .spatial import Spatial, clean, evaluate
 
 FEWEST = 4  # keypoints of somebody new
@@ -68,7 +69,9 @@ def step(
     """
     dt = _checked(state, time, p, confidence)
     settings = state.settings
-    raw = clean(p, confidence)[1]
+    p, raw = clean(p, confidence)
+    if settings.mode == "robust":
+        p = below_skin(p, settings.skin)
     seen = evaluate(p, confidence, settings)
     tracks, who, which, expected = _paired(state.tracks, seen, raw, dt, settings)
     tracks = filtered(tracks, Pairs(who, which, expected), seen, raw, Moment(time, dt), settings, rng)
@@ -101,9 +104,10 @@ def _paired(
 ) -> tuple[Tracks, Int[np.ndarray, " a"], Int[np.ndarray, " a"], Float[np.ndarray, "q 12 3"]]:
     """Tracks with those who are new, who is which skeleton, and where everybody's keypoints are expected."""
     expected = tracks.p + (tracks.drift * dt)[:, None]
-    found = costs(expected, tracks.confidence, seen.p[:, :FILTERED], raw[:, :FILTERED], settings)
+    gate = gates(tracks.unseen, settings)
+    found = costs(expected, tracks.confidence, seen.p[:, :FILTERED], raw[:, :FILTERED], settings, BEYOND * gate)
     found = replace(found, distance=np.where(seen.kept, found.distance, np.inf))
-    who, which, _ = assigned(found, gates(tracks.unseen, settings))
+    who, which, _ = assigned(found, gate)
     enough = seen.kept & ((raw[:, :FILTERED] > 0).sum(axis=1) >= FEWEST)
     new = newcomers(found, which, tracks.label >= 0, enough)
     if not new.size:

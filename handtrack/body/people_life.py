@@ -15,6 +15,7 @@ from .people_settings import Settings
 from .people_tracks import Remembered, Tracks, chosen, places
 
 LIKELY, LONGER = 0.42, 6  # mean confidence at which one is confirmed at once; otherwise it takes so many times longer
+UNTOLD = 4  # times as long, if too little of somebody is seen to tell his height
 PATIENCE = 0.15  # seconds for which one who is not confirmed may be unseen
 AWAY = 0.3  # seconds unseen after which a known person may be found again elsewhere
 
@@ -34,6 +35,7 @@ def living(state: PeopleState, dt: float) -> PeopleState:
     """Confirm, let go, remember and recognise people after a frame."""
     settings, tracks = state.settings, state.tracks
     new = (tracks.label < 0) & (tracks.hits >= settings.confirm)
+    new &= (tracks.told >= settings.confirm) | (tracks.hits >= UNTOLD * settings.confirm)
     if new.any():
         mean = tracks.sure / np.maximum(tracks.hits, 1)
         new &= (mean >= LIKELY) | (tracks.hits >= LONGER * settings.confirm)

@@ -43,6 +43,9 @@ class Settings:
         How long nothing of a person may be seen before he is gone; and how long he is remembered then.
     longest : float
         How long a keypoint is predicted before it is lost.
+    skin : float or None
+        How far in front of a wrist's joint its readings are, other joints in proportion (see `skin`); 0 for readings of
+        joints, None if that is not known. Not used in mode `paper`.
     """
 
     mode: Literal["paper", "robust"] = "robust"
@@ -63,6 +66,7 @@ class Settings:
     time_out: float = 2.0
     remember: float = 60.0
     longest: float = 10.0
+    skin: float | None = None
 
     def __post_init__(self) -> None:
         for name, wanted in (("mode", ("paper", "robust")), ("noise", ("sd", "variance"))):
@@ -73,7 +77,8 @@ class Settings:
             ("delta", 0.0, 100.0), ("alpha", 1e-9, 1.0), ("beta", 0.0, 1.0), ("threshold", 0.0, 1.0),
             ("history", 1, 10_000), ("particles", 2, 100_000), ("hypotheses", 2, 64), ("gate", 0.01, 100.0),
             ("confirm", 1, 1000), ("time_out", 0.0, 3600.0), ("remember", 0.0, 86_400.0), ("longest", 0.0, 3600.0),
+            ("skin", -0.2, 0.2),
         ):  # fmt: skip
             value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
+            if value is not None and not (math.isfinite(value) and low <= value <= high):
                 raise ValueError(f"{name}: got {value}, wanted {low} to {high}")

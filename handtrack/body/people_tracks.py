@@ -7,11 +7,13 @@ from jaxtyping import Bool, Float, Int
 
 from .people_settings import Settings
 from .permanence import Particles, Stories, no_particles, no_stories
-from .skeleton_graph import FILTERED, SEGMENTS
+from .resting import AT_FIRST
+from .skeleton_graph import FILTERED, HIPS, SEGMENTS, SHOULDERS
 
-# Share of height of the bone that ends in each filtered keypoint; NaN for the trunk's.
-BONE = np.full(FILTERED, np.nan)
+# Share of height of the bone that ends in each filtered keypoint; shoulders hang on each other, hips on shoulders.
+BONE = np.zeros(FILTERED)
 BONE[[segment.far for segment in SEGMENTS[:8]]] = [segment.share for segment in SEGMENTS[:8]]
+BONE[list(SHOULDERS)], BONE[list(HIPS)] = SEGMENTS[8].share, SEGMENTS[10].share
 TENTATIVE = -1
 
 
@@ -33,8 +35,14 @@ class Tracks:
         Mean of the told heights, metres (NaN for none), and how many.
     drift : (q, 3)
         Speed of the whole person, m/s.
+    paced : (q,)
+        Of how many frames that is a mean.
+    was : (q, 12, 3)
+        Measurements of the frame before, metres; NaN where none.
     length, measured : (q, 12)
         Length of the bone to the joint before, metres, NaN where unknown; and how often it was measured.
+    rest, rested : (q, 12, 3), (q, 12)
+        Mean direction of that bone in the person's axes (see `resting`), and of how many frames.
     p, covariance : (q, 12, 3), (q, 12, 3, 3)
         Last estimate; NaN where never seen.
     confidence : (q, 12)
@@ -53,8 +61,12 @@ class Tracks:
     height: Float[np.ndarray, " q"]
     told: Float[np.ndarray, " q"]
     drift: Float[np.ndarray, "q 3"]
+    paced: Float[np.ndarray, " q"]
+    was: Float[np.ndarray, "q 12 3"]
     length: Float[np.ndarray, "q 12"]
     measured: Float[np.ndarray, "q 12"]
+    rest: Float[np.ndarray, "q 12 3"]
+    rested: Float[np.ndarray, "q 12"]
     p: Float[np.ndarray, "q 12 3"]
     covariance: Float[np.ndarray, "q 12 3 3"]
     confidence: Float[np.ndarray, "q 12"]
@@ -79,10 +91,26 @@ def nobody(q: int, settings: Settings) -> Tracks:
     robust = settings.mode == "robust"
     clouds = no_stories(q, settings.hypotheses) if robust else no_particles(q, settings.particles, settings.history)
     return Tracks(
-        np.full(q, TENTATIVE), np.zeros(q, dtype=int), np.zeros(q), np.zeros(q), np.full(q, np.nan), np.zeros(q),
-        np.zeros((q, 3)), np.full((q, k), np.nan), np.zeros((q, k)), np.full((q, k, 3), np.nan),
-        np.full((q, k, 3, 3), np.nan), np.zeros((q, k)), np.full((q, k), np.inf), np.zeros((q, k)), clouds,
-    )  # fmt: skip
+        label=np.full(q, TENTATIVE),
+        hits=np.zeros(q, dtype=int),
+        sure=np.zeros(q),
+        unseen=np.zeros(q),
+        height=np.full(q, np.nan),
+        told=np.zeros(q),
+        drift=np.zeros((q, 3)),
+        paced=np.zeros(q),
+        was=np.full((q, k, 3), np.nan),
+        length=np.full((q, k), np.nan),
+        measured=np.zeros((q, k)),
+        rest=np.tile(AT_FIRST, (q, 1, 1)),
+        rested=np.zeros((q, k)),
+        p=np.full((q, k, 3), np.nan),
+        covariance=np.full((q, k, 3, 3), np.nan),
+        confidence=np.zeros((q, k)),
+        hidden=np.full((q, k), np.inf),
+        used=np.zeros((q, k)),
+        clouds=clouds,
+    )
 
 
 def joined(a: Tracks, b: Tracks) -> Tracks:

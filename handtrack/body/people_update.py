@@ -9,11 +9,14 @@ from jaxtyping import Bool, Float, Int
 from .identities import undone_swaps
 from .people_settings import Settings
 from .people_tracks import BONE, Tracks
-from .permanence import PARENT, Stories, paper_step, robust_step, seen_now
+from .permanence import Stories, paper_step, robust_step, seen_now
+from .resting import PARENT, axes, learnt, offsets
 from .skeleton_graph import FILTERED
+from .skin import doubt
 from .spatial import Spatial
 
-DRIFT_TIME = 0.2  # seconds over which the whole person's speed is averaged
+DRIFT_TIME = 0.25  # seconds over which the whole person's speed is averaged
+QUICKEST = 4.0  # m/s along each axis
 STANDSTILL = 1.0  # seconds after which one of whom nothing is seen is thought to stand
 FEWEST_MOVING = 3  # keypoints that must be seen before they tell the whole person's speed
 LENGTH_WEIGHT = 20.0  # measurements as which the length from the height counts
@@ -21,8 +24,7 @@ MOST_LENGTHS = 600.0
 SHORT, LONG = 0.6, 1.4  # of the length from the height: what a bone of this person can measure
 SURE = 0.45  # confidence of both ends of a bone that is measured
 MOST_HEIGHTS = 300.0
-_SIDE = np.array([2, 3, 4, 5, 8, 9, 10, 11])
-_UP = PARENT[_SIDE]
+WHOLE = 7  # keypoints of one who tells his height: few bones of one who just comes into view mislead
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +64,17 @@ def filtered(
     if q == 0:
         return tracks
     z, confidence, judged = measured(pairs, seen, raw, q)
-    found_height, told = _heights(tracks, pairs, seen)
+    found_height, told = _heights(tracks, pairs, seen, raw)
     if isinstance(tracks.clouds, Stories):
         length = np.where(np.isnan(tracks.length), found_height[:, None] * BONE, tracks.length)
-        clouds, estimate = robust_step(tracks.clouds, z, confidence, moment.dt, tracks.drift, length)
+        rest = offsets(tracks.rest, axes(tracks.p), np.nan_to_num(length))
+        clouds, estimate = robust_step(tracks.clouds, z, confidence, moment.dt, tracks.drift, length, rest)
+        estimate = replace(estimate, covariance=estimate.covariance + doubt(estimate.p, settings.skin))
     else:
         clouds, estimate = paper_step(tracks.clouds, z, judged, moment.time, moment.dt, tracks.hidden, settings, rng)
     here = seen_now(estimate)
+    known = np.isfinite(estimate.p[..., 0]) & np.isinf(tracks.hidden)
+    hidden = np.where(here, 0.0, np.where(known, 0.0, tracks.hidden) + moment.dt)
     there = np.zeros(q, dtype=bool)
     there[pairs.who] = True
     count = np.maximum((confidence > 0).sum(axis=1), 1)
@@ -82,14 +88,16 @@ def filtered(
         p=estimate.p,
         covariance=estimate.covariance,
         confidence=np.where(here, 0.8 * tracks.confidence + 0.2 * confidence, tracks.confidence),
-        hidden=np.where(here, 0.0, tracks.hidden + moment.dt),
+        hidden=hidden,
         used=np.where(here, confidence, 0.0),
         clouds=clouds,
     )
     if not isinstance(clouds, Stories):
         return new
     long, times = _lengths(tracks, z, here & (confidence > SURE), found_height)
-    return replace(new, drift=_drifts(tracks, clouds, here, moment.dt), length=long, measured=times)
+    rest, rested = learnt(tracks.rest, tracks.rested, new.p, axes(new.p), here & (confidence > SURE))
+    drift, paced = _drifts(tracks, z, moment.dt)
+    return replace(new, drift=drift, paced=paced, was=z, length=long, measured=times, rest=rest, rested=rested)
 
 
 def measured(
@@ -106,11 +114,13 @@ def measured(
     return z, confidence, judged
 
 
-def _heights(tracks: Tracks, pairs: Pairs, seen: Spatial) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+def _heights(
+    tracks: Tracks, pairs: Pairs, seen: Spatial, raw: Float[np.ndarray, "m 16"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
     """Mean height of everybody, and how many heights it is of."""
     height, told = tracks.height.copy(), tracks.told.copy()
     new, who = seen.height[pairs.which], pairs.who
-    good = ~np.isnan(new)
+    good = ~np.isnan(new) & ((raw[pairs.which, :FILTERED] > 0).sum(axis=1) >= WHOLE)
     new, who = new[good], who[good]
     told[who] = np.minimum(told[who] + 1.0, MOST_HEIGHTS)
     height[who] = np.where(np.isnan(height[who]), new, height[who] + (new - height[who]) / told[who])
@@ -123,26 +133,32 @@ def _lengths(
     """Lengths of bones, from the height to begin with, and how often they were measured."""
     from_height = height[:, None] * BONE
     length = np.where(np.isnan(tracks.length), from_height, tracks.length)
-    count = tracks.measured.copy()
-    apart = z[:, _SIDE] - z[:, _UP]
+    apart = z - z[:, PARENT]
     long = np.sqrt((apart * apart).sum(axis=-1))
     with np.errstate(invalid="ignore"):
-        good = sure[:, _SIDE] & sure[:, _UP] & (long > SHORT * from_height[:, _SIDE])
-        good &= long < LONG * from_height[:, _SIDE]
-    step = np.where(good, (long - length[:, _SIDE]) / (LENGTH_WEIGHT + count[:, _SIDE]), 0.0)
-    length[:, _SIDE] += np.where(np.isnan(step), 0.0, step)
-    count[:, _SIDE] = np.minimum(count[:, _SIDE] + good, MOST_LENGTHS)
-    return length, count
+        good = sure & sure[:, PARENT] & (long > SHORT * from_height) & (long < LONG * from_height)
+    step = np.where(good, (long - length) / (LENGTH_WEIGHT + tracks.measured), 0.0)
+    length = length + np.where(np.isnan(step), 0.0, step)
+    return length, np.minimum(tracks.measured + good, MOST_LENGTHS)
 
 
-def _drifts(tracks: Tracks, clouds: Stories, here: Bool[np.ndarray, "q 12"], dt: float) -> Float[np.ndarray, "q 3"]:
-    """Speed of each whole person: the median over seen keypoints, averaged; it fades where too few are seen."""
-    speed = (clouds.weight[..., None] * clouds.v).sum(axis=2)
-    count = here.sum(axis=1)
-    ranked = np.sort(np.where(here[..., None], speed, np.inf), axis=1)
-    middle = np.maximum(count - 1, 0) // 2
-    median = ranked[np.arange(count.size), middle]
-    told = (count >= FEWEST_MOVING)[:, None]
-    keep = math.exp(-dt / DRIFT_TIME)
-    fade = math.exp(-dt / STANDSTILL)
-    return np.where(told, keep * tracks.drift + (1.0 - keep) * np.where(told, median, 0.0), fade * tracks.drift)
+def _drifts(tracks: Tracks, z: Float[np.ndarray, "q 12 3"], dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Speed of each whole person (q, 3), and of how many frames it is the mean (q,).
+
+    It is the median over keypoints of what measurements moved since the frame before, averaged, and does not hang on the
+    estimates: nobody who walks evenly is left behind. It fades where too few keypoints are seen.
+    """
+    moved = (z - tracks.was) / dt
+    known = ~np.isnan(moved[..., 0])
+    ranked = np.sort(np.where(known[..., None], moved, np.inf), axis=1)
+    count = known.sum(axis=1)
+    who = np.arange(count.size)
+    low, high = ranked[who, np.maximum(count - 1, 0) // 2], ranked[who, np.minimum(count // 2, FILTERED - 1)]
+    told = count >= FEWEST_MOVING
+    median = np.where(
+        told[:, None], 0.5 * (np.where(told[:, None], low, 0.0) + np.where(told[:, None], high, 0.0)), 0.0
+    )
+    frames = np.where(told, tracks.paced + 1.0, tracks.paced)
+    share = np.maximum(1.0 / np.maximum(frames, 1.0), 1.0 - math.exp(-dt / DRIFT_TIME))[:, None]
+    new = tracks.drift + share * (np.clip(median, -QUICKEST, QUICKEST) - tracks.drift)
+    return np.where(told[:, None], new, math.exp(-dt / STANDSTILL) * tracks.drift), frames

@@ -23,18 +23,21 @@ from jaxtyping import Bool, Float, Int
 
 from .._kernels.people import hypotheses_step
 from .people_settings import Settings
+from .resting import PARENT
 from .skeleton_graph import FILTERED
 
-PARENT = np.array([-1, -1, 0, 1, 2, 3, -1, -1, 6, 7, 8, 9])
 # Deviation of the speed (m/s), how long it lasts (s), widest deviation of a place (m), random walk (m^2/s).
-_TRUNK, _JOINT, _END = (0.35, 0.5, 0.25, 1e-5), (0.5, 0.4, 0.22, 2e-5), (0.7, 0.3, 0.25, 3e-5)
+_TRUNK, _JOINT, _END = (0.30, 0.5, 0.25, 1e-5), (0.42, 0.4, 0.22, 2e-5), (0.60, 0.3, 0.25, 3e-5)
 MOTION = np.array([_TRUNK, _TRUNK, _JOINT, _JOINT, _END, _END, _TRUNK, _TRUNK, _JOINT, _JOINT, _END, _END])
-STAY, CLUTTER, AGAIN, NEAR, LEAST = 1.0, 0.0, -5.0, 0.015, 4.0
-RULES = np.array([STAY, CLUTTER, AGAIN, NEAR, LEAST])
+# Logarithms: of the odds that an outlier follows another, of outliers' density (1/m^3), of a new beginning's odds.
+# Metres within which stories are alike; most that a bone of the wrong length counts; how likely an outlier stays;
+# seconds after which a hidden joint is thought to be where it mostly is; logarithm of the odds that begin a person.
+STAY, CLUTTER, AGAIN, NEAR, LEAST, SAME, REST, UNSURE = 0.5, 0.0, -5.0, 0.015, 8.0, 0.8, 1.5, -2.0
+RULES = np.array([STAY, CLUTTER, AGAIN, NEAR, LEAST, SAME, REST, UNSURE])
 SLACK = 0.04  # metres by which a bone's measured length changes with the posture
-SLOPE, MIDDLE = 14.0, 0.37  # of the odds that a measurement is right, over its confidence
-NOISE_ACROSS, NOISE_ALONG = 0.012, 0.02  # metres at confidence 0.65
-SYSTEMATIC = np.diag([0.02**2, 0.02**2, 0.035**2])  # of a joint's place in the network's idea and under the skin
+SLOPE, MIDDLE = 14.0, 0.40  # of the odds that a measurement is right, over its confidence
+NOISE_ACROSS, NOISE_ALONG = 0.042, 0.07  # metres at confidence 0.65; errors that last want more than jitter alone
+SYSTEMATIC = 0.02**2 * np.eye(3)  # of a joint's place in the network's idea
 FASTEST = 2.0  # m/s, of the paper's line
 WALK = 0.03  # metres: deviation of the paper's random step in a thirtieth of a second
 
@@ -53,6 +56,8 @@ class Stories:
         Sum to one, or all 0 for a keypoint that was never seen.
     outlier : (q, 12, n)
         1 where the last measurement was an outlier.
+    last : (q, 12, 3)
+        That measurement, metres; NaN if there was none.
     """
 
     x: Float[np.ndarray, "q 12 n 3"]
@@ -60,6 +65,7 @@ class Stories:
     c: Float[np.ndarray, "q 12 n 2 3"]
     weight: Float[np.ndarray, "q 12 n"]
     outlier: Float[np.ndarray, "q 12 n"]
+    last: Float[np.ndarray, "q 12 3"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +101,7 @@ def no_stories(q: int, n: int) -> Stories:
     k = FILTERED
     return Stories(
         np.zeros((q, k, n, 3)), np.zeros((q, k, n, 3)), np.zeros((q, k, n, 2, 3)), np.zeros((q, k, n)),
-        np.zeros((q, k, n)),
+        np.zeros((q, k, n)), np.full((q, k, 3), np.nan),
     )  # fmt: skip
 
 
@@ -105,6 +111,21 @@ def no_particles(q: int, n: int, history: int) -> Particles:
     return Particles(
         np.full((q, k, n, 3), np.nan), np.full((q, k, history, 3), np.nan), np.full((q, k, history), np.nan)
     )
+
+
+def _before(
+    stories: Stories, k: int, moved: Float[np.ndarray, "q 3"]
+) -> tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3 3"]]:
+    """Where a keypoint was, moved on; NaN where it was never seen; and a variance for each axis."""
+    w, x = stories.weight[:, k, :, None], stories.x[:, k]
+    middle = (w * x).sum(axis=1)
+    variance = (w * (stories.c[:, k, :, [0, 0, 1], 0].transpose(1, 2, 0) + (x - middle[:, None]) ** 2)).sum(axis=1)
+    known = w.sum(axis=1) > 0
+    return np.where(known, middle + moved, np.nan), variance[:, :, None] * np.eye(3)
+
+
+def _arrays(stories: Stories) -> tuple[np.ndarray, ...]:
+    return stories.x, stories.v, stories.c, stories.weight, stories.outlier, stories.last
 
 
 def paper_noise(confidence: Float[np.ndarray, "*b"], settings: Settings) -> Float[np.ndarray, "*b"]:
@@ -124,6 +145,7 @@ def robust_step(
     dt: float,
     drift: Float[np.ndarray, "q 3"],
     length: Float[np.ndarray, "q 12"],
+    rest: Float[np.ndarray, "q 12 3"],
 ) -> tuple[Stories, Estimate]:
     """One frame of all stories.
 
@@ -138,23 +160,27 @@ def robust_step(
         Speed of each whole person, m/s.
     length : (q, 12)
         Length of the bone to the joint before, metres; NaN where unknown.
+    rest : (q, 12, 3)
+        From the joint before to where the keypoint mostly is, metres.
 
     >>> z = np.full((1, 12, 3), np.nan)
     >>> z[0, 4] = 0.0, 0.0, 2.0
     >>> length = np.full((1, 12), 0.3)
-    >>> _, found = robust_step(no_stories(1, 4), z, np.full((1, 12), 0.7), 0.03, np.zeros((1, 3)), length)
+    >>> still, rest = np.zeros((1, 3)), np.zeros((1, 12, 3))
+    >>> _, found = robust_step(no_stories(1, 4), z, np.full((1, 12), 0.7), 0.03, still, length, rest)
     >>> found.p[0, 4].tolist(), bool(np.isnan(found.p[0, 5]).all())
     ([0.0, 0.0, 2.0], True)
     """
     q = z.shape[0]
-    new = Stories(*(array.copy() for array in (stories.x, stories.v, stories.c, stories.weight, stories.outlier)))
+    new = Stories(*(array.copy() for array in _arrays(stories)))
     mean, spread, right = np.full((q, FILTERED, 3), np.nan), np.zeros((q, FILTERED, 3, 3)), np.zeros((q, FILTERED))
+    mean[:, 1], spread[:, 1] = _before(stories, 1, drift * dt)
     rough = np.exp(3.0 * (0.65 - confidence))
     depth = np.nan_to_num(np.abs(z[..., 2]), nan=1.0)
     r = np.stack([(NOISE_ACROSS * rough) ** 2, (NOISE_ALONG * rough) ** 2 + (0.004 * depth * depth) ** 2], axis=-1)
     hypotheses_step(
-        new.x, new.v, new.c, new.weight, new.outlier, z, SLOPE * (confidence - MIDDLE), r, dt, drift, MOTION, PARENT,
-        length, SLACK, RULES, mean, spread, right,
+        new.x, new.v, new.c, new.weight, new.outlier, new.last, z, SLOPE * (confidence - MIDDLE), r, dt, drift, MOTION,
+        PARENT, length, rest, SLACK, RULES, mean, spread, right,
     )  # fmt: skip
     spread = np.where(np.isnan(mean)[..., None], np.nan, spread + SYSTEMATIC)
     return new, Estimate(mean, spread, right)
