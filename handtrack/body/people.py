@@ -60,12 +60,13 @@ def step(
     ValueError
         If the time does not rise or is not finite, or the arrays do not fit each other.
 
-    >>> state, rng = begin(Settings(confirm=1)), np.random.default_rng(1)
+    >>> state, rng = begin(Settings(confirm=1, skin=0.0)), np.random.default_rng(1)
+    >>> half = np.array([[0.2, 0, 2], [0.2, 0.32, 2], [0.2, 0.57, 2], [0.1, 0.5, 2]])  # shoulder, elbow, wrist, hip
     >>> p = np.full((1, 16, 3), np.nan)
-    >>> p[0, [0, 1, 2, 3]] = [[0.2, 0, 2], [-0.2, 0, 2], [0.2, 0.32, 2], [-0.2, 0.32, 2]]
+    >>> p[0, 0:8:2], p[0, 1:8:2] = half, half * (-1, 1, 1)
     >>> state, frame = step(state, 0.0, p, np.full((1, 16), 0.6), rng)
-    >>> frame.person.tolist(), frame.p[0, 2].round(2).tolist()
-    ([0], [0.2, 0.32, 2.0])
+    >>> frame.person.tolist(), frame.p[0, 0].round(1).tolist()
+    ([0], [0.2, 0.0, 2.0])
     """
     dt = _checked(state, time, p, confidence)
     settings = state.settings

@@ -16,6 +16,7 @@ from .people_tracks import Remembered, Tracks, chosen, places
 
 LIKELY, LONGER = 0.42, 6  # mean confidence at which one is confirmed at once; otherwise it takes so many times longer
 UNTOLD = 4  # times as long, if too little of somebody is seen to tell his height
+ANYBODY = 3  # times as long, if it can be somebody who left: his height has to be told well
 PATIENCE = 0.15  # seconds for which one who is not confirmed may be unseen
 AWAY = 0.3  # seconds unseen after which a known person may be found again elsewhere
 
@@ -35,7 +36,8 @@ def living(state: PeopleState, dt: float) -> PeopleState:
     """Confirm, let go, remember and recognise people after a frame."""
     settings, tracks = state.settings, state.tracks
     new = (tracks.label < 0) & (tracks.hits >= settings.confirm)
-    new &= (tracks.told >= settings.confirm) | (tracks.hits >= UNTOLD * settings.confirm)
+    patience = settings.confirm * (ANYBODY if state.remembered.label.size else 1)
+    new &= (tracks.told >= patience) | (tracks.hits >= UNTOLD * patience)
     if new.any():
         mean = tracks.sure / np.maximum(tracks.hits, 1)
         new &= (mean >= LIKELY) | (tracks.hits >= LONGER * settings.confirm)

@@ -39,6 +39,8 @@ class Tracks:
         Of how many frames that is a mean.
     was : (q, 12, 3)
         Measurements of the frame before, metres; NaN where none.
+    doubted : (q,)
+        Seconds for which most of his sure measurements were not believed.
     length, measured : (q, 12)
         Length of the bone to the joint before, metres, NaN where unknown; and how often it was measured.
     rest, rested : (q, 12, 3), (q, 12)
@@ -63,6 +65,7 @@ class Tracks:
     drift: Float[np.ndarray, "q 3"]
     paced: Float[np.ndarray, " q"]
     was: Float[np.ndarray, "q 12 3"]
+    doubted: Float[np.ndarray, " q"]
     length: Float[np.ndarray, "q 12"]
     measured: Float[np.ndarray, "q 12"]
     rest: Float[np.ndarray, "q 12 3"]
@@ -100,6 +103,7 @@ def nobody(q: int, settings: Settings) -> Tracks:
         drift=np.zeros((q, 3)),
         paced=np.zeros(q),
         was=np.full((q, k, 3), np.nan),
+        doubted=np.zeros(q),
         length=np.full((q, k), np.nan),
         measured=np.zeros((q, k)),
         rest=np.tile(AT_FIRST, (q, 1, 1)),
