@@ -191,7 +191,7 @@ def _summed(story, mean, spread):  # pragma: no cover - compiled
 def hypotheses_step(
     x, v, c, weight, out, last, z, logit, r, dt, drift, motion, parent, length, rest, slack, rules, mean, spread, right
 ):  # pragma: no cover - compiled
-    """One frame of every keypoint's hypotheses, in place; see `body.permanence.robust_step`.
+    """One frame of every keypoint's hypotheses, in place; twin: `body.stories_numpy.hypotheses_step_numpy`.
 
     x, v (q, 12, n, 3), c (q, 12, n, 2, 3) variances (place, both, speed) across and along the view, weight and out
     (q, 12, n), last (q, 12, 3); z (q, 12, 3) NaN unseen, logit (q, 12), r (q, 12, 2), drift (q, 3), motion (12, 4),

@@ -7,7 +7,7 @@ The same skeletons, settings and random numbers give the same people.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..formats.people import People
 from ..formats.skeletons import Detections
@@ -74,8 +74,8 @@ def step(
     if settings.mode == "robust":
         p = below_skin(p, settings.skin)
     seen = evaluate(p, confidence, settings)
-    tracks, who, which, expected = _paired(state.tracks, seen, raw, dt, settings)
-    tracks = filtered(tracks, Pairs(who, which, expected), seen, raw, Moment(time, dt), settings, rng)
+    tracks, pairs = _paired(state.tracks, seen, raw, dt, settings)
+    tracks = filtered(tracks, pairs, seen, raw, Moment(time, dt), settings, rng)
     state = living(replace(state, tracks=tracks, time=float(time)), dt)
     return state, frame_of(state.tracks, settings)
 
@@ -102,20 +102,22 @@ def follow(detections: Detections, settings: Settings, seed: int = 1) -> People:
 
 def _paired(
     tracks: Tracks, seen: Spatial, raw: Float[np.ndarray, "m 16"], dt: float, settings: Settings
-) -> tuple[Tracks, Int[np.ndarray, " a"], Int[np.ndarray, " a"], Float[np.ndarray, "q 12 3"]]:
+) -> tuple[Tracks, Pairs]:
     """Tracks with those who are new, who is which skeleton, and where everybody's keypoints are expected."""
     expected = tracks.p + (tracks.drift * dt)[:, None]
     gate = gates(tracks.unseen, settings)
     found = costs(expected, tracks.confidence, seen.p[:, :FILTERED], raw[:, :FILTERED], settings, BEYOND * gate)
     found = replace(found, distance=np.where(seen.kept, found.distance, np.inf))
     who, which, _ = assigned(found, gate)
+    near = found.distance[who, which] <= settings.gate
     enough = seen.kept & ((raw[:, :FILTERED] > 0).sum(axis=1) >= FEWEST)
     new = newcomers(found, which, tracks.label >= 0, enough)
     if not new.size:
-        return tracks, who, which, expected
+        return tracks, Pairs(who, which, near, expected)
     who = np.concatenate([who, np.arange(new.size) + tracks.label.size])
     expected = np.concatenate([expected, np.full((new.size, FILTERED, 3), np.nan)])
-    return joined(tracks, nobody(new.size, settings)), who, np.concatenate([which, new]), expected
+    near = np.concatenate([near, np.ones(new.size, dtype=bool)])
+    return joined(tracks, nobody(new.size, settings)), Pairs(who, np.concatenate([which, new]), near, expected)
 
 
 def _checked(state: PeopleState, time: float, p: Float[np.ndarray, "m 16 3"], confidence: np.ndarray) -> float:

@@ -43,6 +43,8 @@ class PeopleInput:
         All that was read: what it is, and its files in their order.
     warnings : tuple of str
         What was accepted with care, a line each.
+    skin : float or None
+        How far wrists are still in front of their joints, metres; None if nobody knows (see `skin`).
     """
 
     path: Path
@@ -52,6 +54,7 @@ class PeopleInput:
     truth: TruthPoints | None
     files: tuple[tuple[str, tuple[Path, ...]], ...]
     warnings: tuple[str, ...] = ()
+    skin: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,8 @@ class Given:
     fps : float or None
         Frames a second; 30 if None.
     offset : float or None
-        Metres from the skin to the joint; the usual ones if None (see `DepthSettings`).
+        Metres from the skin to the joint; with depth images the usual ones if None (see `DepthSettings`), in a scene
+        unknown then.
     """
 
     camera: Path | None = None
@@ -88,14 +92,14 @@ def open_people(path: Path, given: Given | None = None) -> PeopleInput:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; a scene, or keypoints of a pose network, is wanted")
     if (path / NAME).is_file() or path.name == NAME:
-        for name in ("camera", "depth", "fps", "offset"):
+        for name in ("camera", "depth", "fps"):
             if getattr(given, name) is not None:
                 raise InputError(f"--{name}: is not for a scene with {NAME}, which holds places in metres already")
-        return _scene(read_people_scene(path))
+        return _scene(read_people_scene(path), given.offset)
     return _in_pixels(path, given)
 
 
-def _scene(scene: PeopleScene) -> PeopleInput:
+def _scene(scene: PeopleScene, skin: float | None) -> PeopleInput:
     return PeopleInput(
         path=scene.path.absolute().parent,
         fps=scene.fps,
@@ -104,6 +108,7 @@ def _scene(scene: PeopleScene) -> PeopleInput:
         truth=scene.truth,
         files=tuple((file.name, (file,)) for file in scene.files),
         warnings=scene.warnings,
+        skin=skin,
     )
 
 

@@ -13,9 +13,9 @@ from jaxtyping import Float, Int, Int8
 from ..formats.people import LOST, PREDICTED, SEEN, People
 from .people_settings import Settings
 from .people_tracks import Tracks, places
-from .skeleton_graph import FILTERED, NECK
+from .skeleton_graph import FILTERED, NECK, SIDE
 
-_TRUNK = NECK / 0.288  # of the trunk's length from the shoulders up to the head
+_TRUNK = NECK / SIDE  # of the trunk's length from the shoulders up to the head
 # Weights of the filtered keypoints in root, middle of hips, middle of shoulders, head.
 BUILT = np.zeros((4, FILTERED))
 BUILT[0, [0, 1, 6, 7]] = 0.25
@@ -81,8 +81,9 @@ def _built(
     """Keypoints in between, and their covariances; NaN where one that is needed is lost."""
     q = p.shape[0]
     lacking = (np.isnan(p[..., 0]) @ _FROM.T.astype(float)) > 0
-    built = (BUILT @ np.nan_to_num(p)).reshape(q, 4, 3)
-    spread = (BUILT**2 @ np.nan_to_num(covariance).reshape(q, FILTERED, 9)).reshape(q, 4, 3, 3)
+    here = ~np.isnan(p[..., :1])
+    built = BUILT @ np.where(here, p, 0.0)
+    spread = (BUILT**2 @ np.where(here, covariance.reshape(q, FILTERED, 9), 0.0)).reshape(q, 4, 3, 3)
     return np.where(lacking[..., None], np.nan, built), np.where(lacking[..., None, None], np.nan, spread)
 
 

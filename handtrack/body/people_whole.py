@@ -85,10 +85,8 @@ def drifts(
     return np.where(told[:, None], new, math.exp(-dt / STANDSTILL) * tracks.drift), frames
 
 
-def begun_anew(
-    tracks: Tracks, clouds: Stories, confidence: Float[np.ndarray, "q 12"], here: Bool[np.ndarray, "q 12"], dt: float
-) -> tuple[Stories, Float[np.ndarray, " q"]]:
-    """Forget the stories of whoever is measured well but not believed for a while; and how long that is so, seconds.
+def begun_anew(tracks: Tracks, clouds: Stories, confidence: Float[np.ndarray, "q 12"]) -> Stories:
+    """Forget the stories of whoever was not believed for a while, where new ones can begin in this frame.
 
     Keypoints hold each other by their bones, so a whole skeleton that was left behind would take every measurement for
     an outlier.
@@ -97,17 +95,28 @@ def begun_anew(
     ----------
     confidence : (q, 12)
         Of the measurements; 0 where none.
+    """
+    astray = (tracks.doubted > ASTRAY) & ((confidence > SURE).sum(axis=1) >= MOST)
+    if not astray.any():
+        return clouds
+    return replace(clouds, weight=np.where(astray[:, None, None], 0.0, clouds.weight))
+
+
+def doubts(
+    tracks: Tracks, confidence: Float[np.ndarray, "q 12"], here: Bool[np.ndarray, "q 12"], dt: float
+) -> Float[np.ndarray, " q"]:
+    """For how long everybody is measured well but not believed (q,), seconds.
+
+    Parameters
+    ----------
     here : (q, 12)
-        Which of them are believed.
+        Which measurements are believed.
     """
     sure = confidence > SURE
     count = sure.sum(axis=1)
     doubted = (count >= MOST) & (2 * (sure & here).sum(axis=1) < count)
-    for_long = np.where(doubted, tracks.doubted + dt, 0.0)
-    astray = for_long > ASTRAY
-    if not astray.any():
-        return clouds, for_long
-    return replace(clouds, weight=np.where(astray[:, None, None], 0.0, clouds.weight)), np.where(astray, 0.0, for_long)
+    before = np.where(tracks.doubted > ASTRAY, 0.0, tracks.doubted)
+    return np.where(doubted, before + dt, 0.0)
 
 
 def _medians(values: Float[np.ndarray, "q 12 3"]) -> tuple[Float[np.ndarray, "q 3"], Int[np.ndarray, " q"]]:

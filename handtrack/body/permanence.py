@@ -37,6 +37,7 @@ RULES = np.array([STAY, CLUTTER, AGAIN, NEAR, LEAST, SAME, REST, UNSURE])
 SLACK = 0.04  # metres by which a bone's measured length changes with the posture
 SLOPE, MIDDLE = 14.0, 0.40  # of the odds that a measurement is right, over its confidence
 NOISE_ACROSS, NOISE_ALONG = 0.042, 0.07  # metres at confidence 0.65; errors that last want more than jitter alone
+BASE = 0.004  # metres at 1 m: deviation of a depth camera's reading, which grows with the square
 SYSTEMATIC = 0.02**2 * np.eye(3)  # of a joint's place in the network's idea
 FASTEST = 2.0  # m/s, of the paper's line
 WALK = 0.03  # metres: deviation of the paper's random step in a thirtieth of a second
@@ -176,8 +177,9 @@ def robust_step(
     mean, spread, right = np.full((q, FILTERED, 3), np.nan), np.zeros((q, FILTERED, 3, 3)), np.zeros((q, FILTERED))
     mean[:, 1], spread[:, 1] = _before(stories, 1, drift * dt)
     rough = np.exp(3.0 * (0.65 - confidence))
-    depth = np.nan_to_num(np.abs(z[..., 2]), nan=1.0)
-    r = np.stack([(NOISE_ACROSS * rough) ** 2, (NOISE_ALONG * rough) ** 2 + (0.004 * depth * depth) ** 2], axis=-1)
+    r = np.empty((q, FILTERED, 2))
+    r[..., 0] = (NOISE_ACROSS * rough) ** 2
+    r[..., 1] = (NOISE_ALONG * rough) ** 2 + (BASE * z[..., 2] ** 2) ** 2
     hypotheses_step(
         new.x, new.v, new.c, new.weight, new.outlier, new.last, z, SLOPE * (confidence - MIDDLE), r, dt, drift, MOTION,
         PARENT, length, rest, SLACK, RULES, mean, spread, right,

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from .skeleton_graph import FILTERED
 
 PARENT = np.array([1, 0, 0, 1, 2, 3, 0, 1, 6, 7, 8, 9])  # shoulders hang on each other
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 BEFORE, MOST = 30.0, 900.0  # frames as which the first guess counts; frames over which is averaged
 # Outwards, down, forward, of one bone length: shoulder, elbow, wrist, hip, knee, ankle.
 _MOSTLY = {
@@ -36,9 +37,11 @@ def axes(p: Float[np.ndarray, "q 12 3"]) -> Float[np.ndarray, "q 3 3"]:
     """
     down = _known(p[:, 6] + p[:, 7] - p[:, 0] - p[:, 1], (0.0, 1.0, 0.0))
     left = _known(p[:, 0] - p[:, 1], (1.0, 0.0, 0.0))
-    left = left - (left * down).sum(axis=-1, keepdims=True) * down
-    left = _known(left, (1.0, 0.0, 0.0))
-    return np.stack([left, down, np.cross(down, left)], axis=1)
+    left = _known(left - (left * down).sum(axis=-1, keepdims=True) * down, (1.0, 0.0, 0.0))
+    out = np.empty((p.shape[0], 3, 3))
+    out[:, 0], out[:, 1] = left, down
+    out[:, 2] = down[:, _NEXT] * left[:, _AFTER] - down[:, _AFTER] * left[:, _NEXT]
+    return out
 
 
 def _known(v: Float[np.ndarray, "q 3"], otherwise: tuple[float, float, float]) -> Float[np.ndarray, "q 3"]:

@@ -20,6 +20,7 @@ SHORTEST, TALLEST = 1.0, 2.3  # metres; a bone that tells another height is not 
 ROOT, MID_HIP, MID_SHOULDER, HEAD = (KEYPOINTS.index(name) for name in ("root", "mid_hip", "mid_shoulder", "head"))
 SHOULDERS, HIPS = (0, 1), (6, 7)
 FILTERED = 12
+SIDE = 0.288  # from the line of the hips to that of the shoulders, share of height
 NECK = 0.118  # from the line of the shoulders to the middle of the face, share of height
 OTHER_SIDE = np.array([1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13, 14, 15])
 
@@ -80,7 +81,7 @@ def complete(
     hip, shoulder = p[:, MID_HIP], p[:, MID_SHOULDER]
     least = np.minimum(confidence[:, MID_HIP], confidence[:, MID_SHOULDER])
     _put(p, confidence, ROOT, 0.5 * (hip + shoulder), least)
-    _put(p, confidence, HEAD, shoulder + NECK / 0.288 * (shoulder - hip), least)
+    _put(p, confidence, HEAD, shoulder + NECK / SIDE * (shoulder - hip), least)
     return p, confidence
 
 

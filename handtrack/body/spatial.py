@@ -15,8 +15,23 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._kernels.skeletons import judge_skeletons
+from ..formats.skeletons import FARTHEST
 from .people_settings import Settings
-from .skeleton_graph import FAR, NEAR, ROOT, SEGMENTS, SHARE, complete, heights, lengths
+from .skeleton_graph import (
+    FAR,
+    NEAR,
+    NECK,
+    ROOT,
+    SEGMENTS,
+    SHARE,
+    SHORTEST,
+    SIDE,
+    TALLEST,
+    complete,
+    heights,
+    lengths,
+)
 
 REASONS = ("", "no keypoint", "beyond the distance", "no plausible height")
 _END = np.zeros((2, len(SEGMENTS), 16))
@@ -24,6 +39,8 @@ _END[0, np.arange(len(SEGMENTS)), NEAR] = 1.0
 _END[1, np.arange(len(SEGMENTS)), FAR] = 1.0
 _TOUCHES = _END.sum(axis=0)  # bones x keypoints
 _FEWEST = 2  # bones that must be seen before wrong lengths say that this is nobody
+_PAIRS = np.array([[0, 2], [6, 8], [2, 4], [8, 10]])  # elbows and knees, then wrists and ankles, which hang on them
+_SHARES = np.array([0.186, 0.245, 0.146, 0.246])
 _CLEAR = 0.25  # of a bone's length, mean of two, by which a change of sides must be better
 
 
@@ -82,12 +99,10 @@ def evaluate(
     ([0.6, 0.7, 0.6], [1.75])
     """
     p, confidence = clean(p, confidence)
-    p, confidence = _sides_right(p, confidence)
-    p, confidence = complete(p, confidence)
-    height = heights(p, confidence)
-    if known_height is not None:
-        height = np.where(np.isfinite(known_height), known_height, height)
-    added, bones = rewards(p, height, settings)
+    known = np.full(p.shape[0], np.nan) if known_height is None else known_height
+    height, added, bones = np.empty(p.shape[0]), np.empty(p.shape[:2]), np.empty(p.shape[0])
+    numbers = np.array([SHORTEST, TALLEST, _CLEAR, settings.tolerance, settings.reward, settings.penalty, NECK / SIDE])
+    judge_skeletons(p, confidence, NEAR, FAR, SHARE, _PAIRS, _SHARES, known, numbers, height, added, bones)
     seen = confidence > 0
     reward = (added * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
     confidence = np.where(seen, np.clip(confidence + added, 0.0, 1.0), 0.0)
@@ -105,10 +120,23 @@ def evaluate(
 def clean(
     p: Float[np.ndarray, "m 16 3"], confidence: Float[np.ndarray, "m 16"]
 ) -> tuple[Float[np.ndarray, "m 16 3"], Float[np.ndarray, "m 16"]]:
-    """NaN and 0 for every keypoint that lacks a finite place or a positive, finite confidence."""
+    """NaN and 0 for every keypoint that lacks a place within 50 m along each axis or a positive, finite confidence."""
     with np.errstate(invalid="ignore"):
-        seen = np.isfinite(p).all(axis=-1) & np.isfinite(confidence) & (confidence > 0)
+        seen = (np.abs(p) <= FARTHEST).all(axis=-1) & np.isfinite(confidence) & (confidence > 0)
     return np.where(seen[..., None], p, np.nan), np.where(seen, np.minimum(confidence, 1.0), 0.0)
+
+
+def judged_numpy(
+    p: Float[np.ndarray, "m 16 3"],
+    confidence: Float[np.ndarray, "m 16"],
+    known: Float[np.ndarray, " m"],
+    settings: Settings,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Plain twin of `_kernels.skeletons.judge_skeletons`: p, confidence, height, what is added to these, bones."""
+    p, confidence = _sides_right(p, confidence)
+    p, confidence = complete(p, confidence)
+    height = np.where(np.isfinite(known), known, heights(p, confidence))
+    return p, confidence, height, *rewards(p, height, settings)
 
 
 def rewards(
@@ -142,10 +170,8 @@ def _sides_right(
     height = heights(p, confidence)
     p, confidence = p.copy(), confidence.copy()
     rows = np.arange(p.shape[0])[:, None]
-    for near, far, share in (  # elbows and knees, then wrists and ankles, which hang on them
-        (np.array([0, 6]), np.array([2, 8]), np.array([0.186, 0.245])),
-        (np.array([2, 8]), np.array([4, 10]), np.array([0.146, 0.246])),
-    ):
+    for two in (slice(0, 2), slice(2, 4)):
+        near, far, share = _PAIRS[two, 0], _PAIRS[two, 1], _SHARES[two]
         expected = height[:, None] * share
         across = _misfit(p, near, far + 1, expected) + _misfit(p, near + 1, far, expected)
         straight = _misfit(p, near, far, expected) + _misfit(p, near + 1, far + 1, expected)

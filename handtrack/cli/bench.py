@@ -27,11 +27,12 @@ def bench(
     from .label_timings import labels
     from .memory import growth_mb
     from .people_timings import people
+    from .posture_timings import posture
     from .timings import measure_all
     from .wrist_timings import wrist
 
     note("warming up: compiling and tracking once")
-    results = [*measure_all(frames), *wrist(frames), *people(frames)]
+    results = [*measure_all(frames), *wrist(frames), *people(frames), *posture(frames)]
     made: list[Rate] = []
     with TemporaryDirectory() as folder:
         results += labels(frames // 2, surface, Path(folder))

@@ -1,5 +1,6 @@
 """`handtrack body people` and `body simulate-people`: skeletons in, steady people out; and simulated skeletons."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -40,8 +41,8 @@ def people(
         typer.Option(
             min=-0.5,
             max=0.5,
-            help="Metres from the skin, which the depth camera sees, to the joint.",
-            show_default="0.035",
+            help="Metres from the skin, which a depth camera sees, to a wrist's joint; 0 for readings of joints.",
+            show_default="0.035 with --depth, else unknown",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A summary as JSON for machines.")] = False,
@@ -54,7 +55,7 @@ def people(
     opened = open_people(skeletons, Given(camera, depth, fps, offset))
     for line in opened.warnings:
         warning(line)
-    done = follow_into(out, opened, settings_for(mode), seed)
+    done = follow_into(out, opened, replace(settings_for(mode), skin=opened.skin), seed)
     for line in done.warnings:
         warning(line)
     if as_json:

@@ -132,8 +132,13 @@ class _WalkFile(Strict):
     measurements: _Measurements = _Measurements()
 
 
-def read_walk(folder: Path | str) -> Walk:
+def read_walk(folder: Path | str, with_keypoints: bool = True) -> Walk:
     """Read a walk folder, or its `walk.yaml`.
+
+    Parameters
+    ----------
+    with_keypoints : bool
+        If false, `keypoints2d.csv` is not read and may be absent: the camera has no frames then.
 
     Raises
     ------
@@ -148,7 +153,9 @@ def read_walk(folder: Path | str) -> Walk:
     camera = camera_from_file(entry.camera, document, ("camera",))
     notes: list[str] = []
     frame, time, p, wxyz = _segments(path.parent / "segments.csv", entry.fps, notes)
-    camera_frame, camera_time, uv, confidence = _keypoints(path.parent / "keypoints2d.csv", entry.fps, notes)
+    camera_frame, camera_time, uv, confidence = np.arange(0), np.zeros(0), np.zeros((0, 16, 2)), np.zeros((0, 16))
+    if with_keypoints:
+        camera_frame, camera_time, uv, confidence = _keypoints(path.parent / "keypoints2d.csv", entry.fps, notes)
     return Walk(
         path=path,
         fps=entry.fps,
