@@ -347,6 +347,7 @@ def test_bench_compares_each_kernel_with_its_plain_twin(monkeypatch, capsys):
     )
     monkeypatch.setattr("handtrack.cli.people_timings.people", lambda frames: [])
     monkeypatch.setattr("handtrack.cli.posture_timings.posture", lambda repeats: [])
+    monkeypatch.setattr("handtrack.cli.walk_timings.walk", lambda repeats: [])
     monkeypatch.setattr("handtrack.cli.label_timings.labels", lambda *_: [timings.Timing("labels", 7.0)])
     assert main(["bench", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)

@@ -29,10 +29,11 @@ def bench(
     from .people_timings import people
     from .posture_timings import posture
     from .timings import measure_all
+    from .walk_timings import walk
     from .wrist_timings import wrist
 
     note("warming up: compiling and tracking once")
-    results = [*measure_all(frames), *wrist(frames), *people(frames), *posture(frames)]
+    results = [*measure_all(frames), *wrist(frames), *people(frames), *posture(frames), *walk(frames)]
     made: list[Rate] = []
     with TemporaryDirectory() as folder:
         results += labels(frames // 2, surface, Path(folder))

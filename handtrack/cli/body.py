@@ -8,6 +8,7 @@ import typer
 from .console import progress, say, say_json, warning
 from .people import people, simulate_people
 from .rooms import register, room
+from .walks import simulate_walk, walk
 
 app = typer.Typer(
     help="Follow bodies: the wrist that a depth camera loses behind things, people in view;\nand get the room ready."
@@ -91,5 +92,7 @@ def simulate(
 
 app.command()(people)
 app.command("simulate-people")(simulate_people)
+app.command()(walk)
+app.command("simulate-walk")(simulate_walk)
 app.command()(room)
 app.command()(register)

@@ -7,6 +7,7 @@ import typer
 
 from ..errors import InputError
 from .console import progress, say, say_json, table
+from .drift_walk import drift_walk
 from .hri_tasks import hri_tasks
 from .track import Residuals, Solver
 
@@ -190,6 +191,7 @@ def assembly_occlusion(
 
 
 app.command("hri-tasks")(hri_tasks)
+app.command("drift-walk")(drift_walk)
 
 
 def result_share(facts: dict[str, object]) -> float:
