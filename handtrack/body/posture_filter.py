@@ -20,19 +20,22 @@ of the parts themselves, put together in shuffled order.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.linalg import solve_triangular
+from jaxtyping import Float
 
 from .particles import effective_size, normalised, resampled
-from .posture import PART_JOINTS, Body, part_frames
-from .posture_tree import PART_SEGMENTS, PARTS
+from .posture import ROOT, Body, chain_frames
+from .posture_tree import PART_SEGMENTS, PARTS, Chain
+from .walk_moment import Moment
 from .walk_settings import Settings
 
-ITERATIONS = 3  # of the fit that the proposal is linearised at
+EACH = 4  # angles of a part; they and the segments stand in the order of the parts
+FIRST = np.cumsum([0] + [len(segments) for segments in PART_SEGMENTS[:-1]])  # first segment of each part
+ROOTS = np.repeat([segments[0] for segments in PART_SEGMENTS], [len(segments) for segments in PART_SEGMENTS])
+ITERATIONS = 2  # of the fit that the proposal is linearised at; it begins near
 DELTA = 1e-4  # radians, of its central differences
 DAMPING = 1e-6  # share of the largest curvature: angles that nothing tells of stay where they are
 SHORTEST = 1e-3  # seconds: two moments may lie as near together as one likes
-SIDES = DELTA * np.vstack([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+SIDES = DELTA * np.tile(np.vstack([np.zeros((1, EACH)), np.eye(EACH), -np.eye(EACH)]), len(PARTS))  # all parts at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,139 +44,147 @@ class Postures:
 
     Attributes
     ----------
-    theta : (5, m, 4)
-        Angles of each of `posture_tree.PARTS`, radians; NaN before the first moment.
-    weight : (5, m)
-        Each row sums to one.
+    chain : Chain
+        All segments but the pelvis, each part hanging from a root of its own.
+    theta : (m, 20)
+        Angles; the columns of different parts have nothing to do with one another. NaN before the first moment.
+    weight : (m, 5)
+        Of each of `posture_tree.PARTS`; each column sums to one.
     """
 
-    theta: Float[np.ndarray, "5 m 4"]
-    weight: Float[np.ndarray, "5 m"]
+    chain: Chain
+    theta: Float[np.ndarray, "m 20"]
+    weight: Float[np.ndarray, "m 5"]
+
+    @property
+    def known(self) -> bool:
+        """Whether a sample of the suit was taken in."""
+        return not bool(np.isnan(self.theta[0, 0]))
 
 
-def begin(settings: Settings) -> Postures:
+def begin(body: Body, settings: Settings) -> Postures:
     """Particles that know nothing yet."""
     m = settings.part_particles
-    return Postures(np.full((len(PARTS), m, 4), np.nan), np.full((len(PARTS), m), 1.0 / m))
+    return Postures(parted(body), np.full((m, EACH * len(PARTS)), np.nan), np.full((m, len(PARTS)), 1.0 / m))
 
 
-def part_measurement(
-    body: Body, part: int, p: Float[np.ndarray, "13 3"], R: Float[np.ndarray, "13 3 3"]
-) -> Float[np.ndarray, "s 4 4"]:
-    """Frames of a part's segments relative to its root, as the suit has them.
+def parted(body: Body) -> Chain:
+    """The chains of the five parts as one, so that all are posed in one call."""
+    parts = body.parts
+    joints = np.cumsum([0] + [chain.axis.size for chain in parts])
+    return Chain(
+        parent=np.concatenate([np.where(c.parent < 0, -1, c.parent + at) for c, at in zip(parts, FIRST, strict=True)]),
+        offset=np.concatenate([chain.offset for chain in parts]),
+        first=np.concatenate([*(c.first[:-1] + at for c, at in zip(parts, joints[:-1], strict=True)), joints[-1:]]),
+        axis=np.concatenate([chain.axis for chain in parts]),
+        sign=np.concatenate([chain.sign for chain in parts]),
+    )
+
+
+def relative_frames(
+    body: Body, p: Float[np.ndarray, "13 3"], R: Float[np.ndarray, "13 3 3"]
+) -> Float[np.ndarray, "12 4 4"]:
+    """Frames of the segments relative to the roots of their parts, as a suit has them.
 
     Parameters
     ----------
     p, R : (13, 3), (13, 3, 3)
         Origins and orientations of all segments in the suit's frame.
 
+    Returns
+    -------
+    frames : (12, 4, 4)
+        Of `formats.walks.SEGMENTS` but the pelvis. A root lies in the part's first joint and has the axes of the
+        segment that carries the part.
+
     >>> from .posture import body_of, segment_frames
     >>> body = body_of(1.8)
     >>> T = segment_frames(body, np.zeros((1, 26)))[0]
-    >>> part_measurement(body, 1, T[:, :3, 3], T[:, :3, :3])[1, :3, 3].round(3).tolist()
+    >>> relative_frames(body, T[:, :3, 3], T[:, :3, :3])[3, :3, 3].round(3).tolist()  # left forearm
     [0.0, 0.335, 0.0]
     """
-    at = np.array(PART_SEGMENTS[part])
-    axes = R[body.whole.parent[at[0]]].T
-    out = np.zeros((at.size, 4, 4))
-    out[:, :3, :3], out[:, 3, 3] = axes @ R[at], 1.0
-    out[:, :3, 3] = (p[at] - p[at[0]]) @ axes.T
+    axes = np.swapaxes(R[body.whole.parent[ROOTS]], 1, 2)
+    out = np.zeros((ROOTS.size, 4, 4))
+    out[:, :3, :3], out[:, 3, 3] = axes @ R[1:], 1.0
+    out[:, :3, 3] = (axes @ (p[1:] - p[ROOTS])[:, :, None])[..., 0]
     return out
 
 
-def features(
-    body: Body, part: int, frames: Float[np.ndarray, "n s 4 4"], settings: Settings
-) -> Float[np.ndarray, "n d"]:
-    """What is compared of a part, in standard deviations: origins, ends and axes of its segments.
+def features(body: Body, frames: Float[np.ndarray, "n 12 4 4"], settings: Settings) -> Float[np.ndarray, "n 12 12"]:
+    """What is compared of each segment, in standard deviations: its far end, where the next one begins, and its axes.
 
     The sum of squared differences of two rotations' nine numbers is 4 (1 - cos a), about 2 a^2 for an angle a.
     """
-    n, s = frames.shape[:2]
-    R, origin = frames[:, :, :3, :3], frames[:, :, :3, 3]
-    end = origin + (R @ body.end[list(PART_SEGMENTS[part])][:, :, None])[..., 0]
-    out = np.empty((n, s, 15))
-    out[..., :3], out[..., 3:6] = origin / settings.segment_noise, end / settings.segment_noise
-    out[..., 6:] = R.reshape(n, s, 9) / (np.sqrt(2.0) * np.radians(settings.segment_turn_noise))
-    return out.reshape(n, s * 15)
+    R = frames[..., :3, :3]
+    out = np.empty((*frames.shape[:2], 12))
+    out[..., :3] = (frames[..., :3, 3] + (R @ body.end[1:, :, None])[..., 0]) / settings.segment_noise
+    out[..., 3:].reshape(R.shape)[...] = R / (np.sqrt(2.0) * np.radians(settings.segment_turn_noise))
+    return out
+
+
+def measured(body: Body, moment: Moment, settings: Settings) -> Float[np.ndarray, "12 12"]:
+    """What the suit tells, as `features` has it."""
+    return features(body, relative_frames(body, moment.p, moment.R)[None], settings)[0]
+
+
+def expected(
+    state: Postures, body: Body, theta: Float[np.ndarray, "n 20"], settings: Settings
+) -> Float[np.ndarray, "n 12 12"]:
+    """What the suit should tell of postures, as `features` has it."""
+    return features(body, chain_frames(state.chain, theta), settings)
+
+
+def log_likelihood(
+    state: Postures, body: Body, theta: Float[np.ndarray, "n 20"], z: Float[np.ndarray, "12 12"], settings: Settings
+) -> Float[np.ndarray, "n 5"]:
+    """ln p(z | theta) of the parts' particles but for a constant; `z` as `features` has it."""
+    apart = expected(state, body, theta, settings) - z
+    return -0.5 * _by_part(np.einsum("nsd,nsd->ns", apart, apart), axis=1)
 
 
 def fitted(
-    body: Body, part: int, z: Float[np.ndarray, " d"], theta: Float[np.ndarray, " 4"], settings: Settings
-) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, "4 4"]]:
+    state: Postures, body: Body, z: Float[np.ndarray, "12 12"], theta: Float[np.ndarray, " 20"], settings: Settings
+) -> tuple[Float[np.ndarray, "5 4"], Float[np.ndarray, "5 4 4"]]:
     """Angles that suit the segments best, and how precisely they tell them: Gauss and Newton from a first guess.
 
     Returns
     -------
-    theta : (4,)
+    theta : (5, 4)
         Inside the limits.
-    precision : (4, 4)
+    precision : (5, 4, 4)
         `J^T J`, the inverse of their covariance.
     """
-    limits = body.limits[PART_JOINTS[part]]
-    precision = np.zeros((4, 4))
+    precision = np.zeros((len(PARTS), EACH, EACH))
     for _ in range(ITERATIONS):
-        y = features(body, part, part_frames(body, part, theta + SIDES), settings)
-        J = (y[1:5] - y[5:]) / (2.0 * DELTA)
-        precision = J @ J.T
-        damped = precision + DAMPING * precision.max() * np.eye(4)
-        theta = np.clip(theta + np.linalg.solve(damped, J @ (z - y[0])), *limits.T)
-    return theta, precision
+        y = expected(state, body, theta + SIDES, settings)
+        J = (y[1 : 1 + EACH] - y[1 + EACH :]) / (2.0 * DELTA)  # (4, 12, 12): of each segment by its part's angles
+        precision = _by_part(np.einsum("asd,bsd->sab", J, J), axis=0)
+        pull = _by_part(np.einsum("asd,sd->sa", J, z - y[0]), axis=0)
+        damped = precision + DAMPING * precision.max(axis=(1, 2), keepdims=True) * np.eye(EACH)
+        theta = theta + np.linalg.solve(damped, pull[..., None]).reshape(-1)
+        theta = np.clip(theta, body.limits[:, 0], body.limits[:, 1])
+    return theta.reshape(-1, EACH), precision
 
 
-def log_likelihood(
-    body: Body, part: int, theta: Float[np.ndarray, "n 4"], z: Float[np.ndarray, " d"], settings: Settings
-) -> Float[np.ndarray, " n"]:
-    """ln p(z | theta) of a part's particles but for a constant; `z` as `features` has it."""
-    apart = features(body, part, part_frames(body, part, theta), settings) - z
-    return -0.5 * np.einsum("nd,nd->n", apart, apart)
-
-
-def measured(body: Body, p: Float[np.ndarray, "13 3"], R: Float[np.ndarray, "13 3 3"], settings: Settings) -> list:
-    """What the suit tells of each part, as `features` has it."""
-    parts = range(len(PARTS))
-    return [features(body, part, part_measurement(body, part, p, R)[None], settings)[0] for part in parts]
-
-
-def step(
-    state: Postures,
-    body: Body,
-    p: Float[np.ndarray, "13 3"],
-    R: Float[np.ndarray, "13 3 3"],
-    guess: Float[np.ndarray, " 20"],
-    dt: float,
-    settings: Settings,
-    rng: np.random.Generator,
-) -> Postures:
-    """The particles after one more sample of the suit.
-
-    Parameters
-    ----------
-    p, R : (13, 3), (13, 3, 3)
-        Segments in the suit's frame.
-    guess : (20,)
-        Posture to begin the fit at, radians; see `posture.pose_from_segments`.
-    dt : float
-        Seconds since the last sample.
-    """
-    theta, weight = np.empty_like(state.theta), np.empty_like(state.weight)
-    for part, z in enumerate(measured(body, p, R, settings)):
-        mode, precision = fitted(body, part, z, guess[PART_JOINTS[part]], settings)
-        before = state.theta[part]
-        known = not np.isnan(before[0, 0])
-        spread = np.radians(settings.posture_noise) ** 2 * max(dt, SHORTEST)
-        prior = 1.0 / spread if known else DAMPING * float(precision.max())
-        root = np.linalg.cholesky(precision + prior * np.eye(4))
-        chance = rng.standard_normal(before.shape)
-        pull = precision @ mode + prior * (before if known else mode)
-        mean = solve_triangular(root.T, solve_triangular(root, pull.T.reshape(4, -1), lower=True)).T
-        # a sample beyond a joint's limit stays at it
-        drawn = np.clip(mean + solve_triangular(root.T, chance.T).T, *body.limits[PART_JOINTS[part]].T)
-        log_weight = np.log(np.maximum(state.weight[part], 1e-300)) + log_likelihood(body, part, drawn, z, settings)
-        log_weight += 0.5 * np.einsum("nd,nd->n", chance, chance)
-        if known:
-            log_weight -= 0.5 * prior * np.einsum("nd,nd->n", drawn - before, drawn - before)
-        theta[part], weight[part] = _renewed(drawn, normalised(log_weight), settings, rng)
-    return replace(state, theta=theta, weight=weight)
+def step(state: Postures, body: Body, moment: Moment, settings: Settings, rng: np.random.Generator) -> Postures:
+    """The particles after one more sample of the suit."""
+    m = state.theta.shape[0]
+    z = measured(body, moment, settings)
+    mode, precision = fitted(state, body, z, moment.q[ROOT:], settings)
+    spread = np.radians(settings.posture_noise) ** 2 * max(moment.dt, SHORTEST)
+    prior = 1.0 / spread if state.known else DAMPING * float(precision.max())
+    before = state.theta.reshape(m, len(PARTS), EACH) if state.known else mode[None]
+    root = np.linalg.inv(np.linalg.cholesky(precision + prior * np.eye(EACH)))  # root^T root is the covariance
+    pull = (precision @ mode[..., None])[..., 0] + prior * before
+    chance = rng.standard_normal((m, len(PARTS), EACH))
+    drawn = _times(np.swapaxes(root, 1, 2), _times(root, pull) + chance)
+    # a sample beyond a joint's limit stays at it
+    theta = np.clip(drawn.reshape(m, -1), body.limits[:, 0], body.limits[:, 1])
+    log_weight = np.log(np.maximum(state.weight, 1e-300)) + log_likelihood(state, body, theta, z, settings)
+    log_weight += 0.5 * (chance**2).sum(axis=2)
+    if state.known:
+        log_weight -= 0.5 * prior * ((theta - state.theta) ** 2).reshape(m, len(PARTS), EACH).sum(axis=2)
+    return _renewed(state, theta, log_weight, settings, rng)
 
 
 def whole_postures(state: Postures, count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 20"]:
@@ -181,31 +192,47 @@ def whole_postures(state: Postures, count: int, rng: np.random.Generator) -> Flo
 
     Without shuffling, the systematic draw would pair first particles with first ones again and again.
     """
-    out = np.empty((count, PART_JOINTS.size))
-    for part, joints in enumerate(PART_JOINTS):
-        chosen = resampled(rng, state.weight[part], count=count)
-        out[:, joints] = state.theta[part][rng.permutation(chosen)]
+    out = np.empty((count, state.theta.shape[1]))
+    for part, joints in enumerate(_joints()):
+        at = resampled(rng, state.weight[:, part], count=count)
+        out[:, joints] = state.theta[rng.permutation(at), joints]
     return out
 
 
 def mean_posture(state: Postures) -> tuple[Float[np.ndarray, " 20"], Float[np.ndarray, " 20"]]:
-    """Weighted mean and standard deviation of every angle; no angle reaches round the circle."""
-    mean, sigma = np.empty(PART_JOINTS.size), np.empty(PART_JOINTS.size)
-    for part, joints in enumerate(PART_JOINTS):
-        mean[joints] = state.weight[part] @ state.theta[part]
-        sigma[joints] = np.sqrt(state.weight[part] @ (state.theta[part] - mean[joints]) ** 2)
-    return mean, sigma
+    """Weighted mean and standard deviation of every angle; none reaches round the circle."""
+    weight = np.repeat(state.weight, EACH, axis=1)
+    mean = (weight * state.theta).sum(axis=0)
+    return mean, np.sqrt((weight * (state.theta - mean) ** 2).sum(axis=0))
 
 
 def _renewed(
-    theta: Float[np.ndarray, "m 4"], weight: Float[np.ndarray, " m"], settings: Settings, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "m 4"], Float[np.ndarray, " m"]]:
-    """Particles drawn anew where too few of them count."""
-    if effective_size(weight) >= settings.resample * weight.size:
-        return theta, weight
-    return theta[resampled(rng, weight)], np.full(weight.size, 1.0 / weight.size)
+    state: Postures,
+    theta: Float[np.ndarray, "m 20"],
+    log_weight: Float[np.ndarray, "m 5"],
+    settings: Settings,
+    rng: np.random.Generator,
+) -> Postures:
+    """Particles with new weights, drawn anew in the parts where too few of them count."""
+    weight = np.empty_like(log_weight)
+    for part, joints in enumerate(_joints()):
+        weight[:, part] = normalised(log_weight[:, part])
+        if effective_size(weight[:, part]) < settings.resample * theta.shape[0]:
+            theta[:, joints] = theta[resampled(rng, weight[:, part]), joints]
+            weight[:, part] = 1.0 / theta.shape[0]
+    return replace(state, theta=theta, weight=weight)
 
 
-def known_yet(state: Postures) -> Bool[np.ndarray, ""] | bool:
-    """Whether a sample of the suit was taken in."""
-    return not bool(np.isnan(state.theta[0, 0, 0]))
+def _joints() -> list[slice]:
+    """Columns of each part's angles."""
+    return [slice(EACH * part, EACH * (part + 1)) for part in range(len(PARTS))]
+
+
+def _by_part(of_segments: Float[np.ndarray, "..."], axis: int) -> Float[np.ndarray, "..."]:
+    """Sums over the segments of each part."""
+    return np.add.reduceat(of_segments, FIRST, axis=axis)
+
+
+def _times(A: Float[np.ndarray, "5 4 4"], v: Float[np.ndarray, "n 5 4"]) -> Float[np.ndarray, "n 5 4"]:
+    """Each part's matrix times its vectors, for all particles."""
+    return np.swapaxes(np.swapaxes(v, 0, 1) @ np.swapaxes(A, 1, 2), 0, 1)

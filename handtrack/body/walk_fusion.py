@@ -5,6 +5,7 @@ go on from one moment to the next, see `drift_filter` and `pose_filter`.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from . import posture_filter
 from .drift_eskf import FAR, RECENT, UNKNOWN_SPEED, WIDE
 from .particles import normalised
-from .posture import PART_JOINTS, ROOT, Body, keypoints, pelvis_numbers
+from .posture import ROOT, Body, keypoints, pelvis_numbers
 from .posture_filter import Postures
 from .walk_baselines import place_from_points
-from .walk_cloud import HEADING, SIZE, Cloud, moments_of, renewed, scattered
+from .walk_cloud import HEADING, SIZE, Cloud, moments_of, renewed, scattered, world_points
 from .walk_moment import Estimate, Moment
 from .walk_settings import Settings
 from .walk_weights import fits, weighed
@@ -62,7 +63,7 @@ class State:
 def begun(body: Body, settings: Settings, tilt: float = 0.0) -> State:
     """The state before the first moment, without a single particle."""
     cloud = scattered(np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE), np.zeros((0, 20)), np.random.default_rng(0))
-    return State(body, settings, posture_filter.begin(settings), cloud, np.full(3, np.nan), tilt)
+    return State(body, settings, posture_filter.begin(body, settings), cloud, np.full(3, np.nan), tilt)
 
 
 def postures_at(state: State, moment: Moment, rng: np.random.Generator) -> State:
@@ -71,22 +72,18 @@ def postures_at(state: State, moment: Moment, rng: np.random.Generator) -> State
     While the suit is silent, its last posture stands. Without the proposal the particles keep postures of their own,
     which walk at random and are weighted by what the suit says of each part.
     """
-    told = state.settings
-    known = posture_filter.known_yet(state.postures)
-    if known and moment.since > 0.0:
+    told, postures = state.settings, state.postures
+    if postures.known and moment.since > 0.0:
         return state
-    if told.proposal or not known:
-        guess = moment.q[ROOT:]
-        after = posture_filter.step(state.postures, state.body, moment.p, moment.R, guess, moment.dt, told, rng)
-        return replace(state, postures=after)
+    if told.proposal or not postures.known:
+        return replace(state, postures=posture_filter.step(postures, state.body, moment, told, rng))
     cloud = state.cloud
     noise = np.radians(told.posture_noise) * np.sqrt(moment.dt)
-    theta = np.clip(cloud.theta + noise * rng.standard_normal(cloud.theta.shape), *state.body.limits.T)
-    log_weight = np.log(np.maximum(cloud.weight, 1e-300))
-    for part, z in enumerate(posture_filter.measured(state.body, moment.p, moment.R, told)):
-        log_weight += told.temper * posture_filter.log_likelihood(
-            state.body, part, theta[:, PART_JOINTS[part]], z, told
-        )
+    theta = cloud.theta + noise * rng.standard_normal(cloud.theta.shape)
+    theta = np.clip(theta, state.body.limits[:, 0], state.body.limits[:, 1])
+    z = posture_filter.measured(state.body, moment, told)
+    found = posture_filter.log_likelihood(postures, state.body, theta, z, told).sum(axis=1)
+    log_weight = np.log(np.maximum(cloud.weight, 1e-300)) + told.temper * found
     return replace(state, cloud=replace(cloud, theta=theta, weight=normalised(log_weight)))
 
 
@@ -104,23 +101,30 @@ def taken_in(
     if moment.seen and np.isfinite(moment.camera_dt):
         state = replace(state, period=moment.camera_dt)
     if moment.in_view:
-        cloud = state.cloud
-        if told.proposal:
-            whole = posture_filter.whole_postures(state.postures, told.particles, rng)
-            cloud = replace(cloud, theta=whole)
-        good = fits(cloud, state.body, base, moment, told)
+        cloud = _in_postures(state, state.cloud, rng)
+        points = world_points(cloud, state.body, base)
+        good = fits(cloud, points, moment, told)
         lost = not good and (not state.fitted or state.misfits + 1 >= told.lost_after)
         if lost or _spread(cloud) > FAR:
             again = _again(state, moment, base, rng)
             if again is not None:
                 cloud, good, restarted = again, True, True
+                points = world_points(cloud, state.body, base)
         if good:
-            cloud = weighed(cloud, state.postures, state.body, base, moment, told, rng)
+            draw = partial(_in_postures, state, rng=rng)
+            cloud = weighed(cloud, points, draw, state.body, base, moment, told, rng)
             state = replace(state, cloud=cloud, updated=moment.time, misfits=0, fitted=True)
         else:
             state = replace(state, misfits=state.misfits + 1)
     estimate = _estimate(state, moment, base, restarted)
     return replace(state, cloud=renewed(state.cloud, told.resample, rng)), estimate
+
+
+def _in_postures(state: State, cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    """The particles with postures from the proposal, or, without it, with those that they have."""
+    if not state.settings.proposal:
+        return cloud
+    return replace(cloud, theta=posture_filter.whole_postures(state.postures, cloud.weight.size, rng))
 
 
 def _spread(cloud: Cloud) -> float:
@@ -131,7 +135,7 @@ def _spread(cloud: Cloud) -> float:
 
 def _again(state: State, moment: Moment, base: Float[np.ndarray, "3 3"], rng: np.random.Generator) -> Cloud | None:
     """Particles begun anew from this frame of the camera alone, in the postures there are; None without a place."""
-    cloud, told = state.cloud, state.settings
+    cloud = state.cloud
     posture, _ = _posture(state, in_view=False)
     q = np.concatenate([np.zeros(ROOT), posture])
     found = place_from_points(moment, keypoints(state.body, q[None])[0] @ base.T)
@@ -141,11 +145,9 @@ def _again(state: State, moment: Moment, base: Float[np.ndarray, "3 3"], rng: np
     mean = np.zeros(SIZE)
     mean[:3], mean[HEADING] = place, np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
     sigma = np.array([AGAIN[0], AGAIN[0], AGAIN[1], state.tilt, state.tilt, np.radians(AGAIN[2])])
-    theta = cloud.theta
-    if told.proposal:
-        theta = posture_filter.whole_postures(state.postures, told.particles, rng)
+    theta = _in_postures(state, cloud, rng).theta
     new = scattered(mean, sigma, np.sqrt(cloud.pace_variance), theta, rng)
-    return replace(new, pace=np.tile(cloud.weight @ cloud.pace, (told.particles, 1)))
+    return replace(new, pace=np.tile(cloud.weight @ cloud.pace, (cloud.weight.size, 1)))
 
 
 def _posture(state: State, in_view: bool) -> tuple[Float[np.ndarray, " 20"], Float[np.ndarray, " 20"]]:

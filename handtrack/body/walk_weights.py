@@ -12,6 +12,7 @@ and particles are spread anew in between (Oudjane & Musso 2000, "Progressive cor
 filters"; Deutscher, Blake & Reid 2000 anneal postures alike).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,6 @@ from jaxtyping import Float
 from ..camera import camera_from_world, pixels_per_unit, project
 from .particles import effective_size, normalised
 from .posture import Body
-from .posture_filter import Postures, whole_postures
 from .walk_cloud import Cloud, spread_anew, world_points
 from .walk_moment import Moment, keypoint_sigma, lasting_factor
 from .walk_settings import Settings
@@ -91,7 +91,8 @@ def largest_power(
 
 def weighed(
     cloud: Cloud,
-    postures: Postures,
+    points: Float[np.ndarray, "n 16 3"],
+    draw: Callable[[Cloud], Cloud],
     body: Body,
     base: Float[np.ndarray, "3 3"],
     moment: Moment,
@@ -102,51 +103,48 @@ def weighed(
 
     Parameters
     ----------
+    points : (n, 16, 3)
+        Their keypoints in the world.
+    draw : callable
+        Gives other postures to particles that have moved.
     base : (3, 3)
         Orientation of the pelvis before each particle turns it.
     """
     left = settings.temper / lasting_factor(moment, settings)
-    variance = pixel_variance(moment, _middle(cloud, body, base), settings)
+    variance = pixel_variance(moment, np.einsum("n,nkd->kd", cloud.weight, points), settings)
     for stage in range(STAGES):
-        if settings.proposal:
-            cloud = replace(cloud, theta=whole_postures(postures, cloud.weight.size, rng))
-        found = log_likelihood(moment, world_points(cloud, body, base), variance, settings)
+        if stage:
+            cloud = draw(spread_anew(cloud, rng))
+            points = world_points(cloud, body, base)
+        found = log_likelihood(moment, points, variance, settings)
         last = stage == STAGES - 1 or not settings.proposal
         power = left if last else largest_power(cloud.weight, found, left, STEP)
         cloud = replace(cloud, weight=normalised(np.log(np.maximum(cloud.weight, 1e-300)) + power * found))
         left -= power
         if left <= 0.0:
             break
-        cloud = spread_anew(cloud, rng)
     return cloud
 
 
-def _middle(cloud: Cloud, body: Body, base: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "16 3"]:
-    """Keypoints of the mean particle, near enough for scales."""
-    mean = replace(
-        cloud,
-        x=(cloud.weight @ cloud.x)[None],
-        pace=cloud.pace[:1],
-        weight=np.ones(1),
-        theta=(cloud.weight @ cloud.theta)[None],
-    )
-    return world_points(mean, body, base)[0]
+def fits(cloud: Cloud, points: Float[np.ndarray, "n 16 3"], moment: Moment, settings: Settings) -> bool:
+    """Whether most keypoints lie where the particles, as they are before the frame, expect them.
 
-
-def fits(cloud: Cloud, body: Body, base: Float[np.ndarray, "3 3"], moment: Moment, settings: Settings) -> bool:
-    """Whether most keypoints lie where the particles, as they are before the frame, expect them."""
+    Parameters
+    ----------
+    points : (n, 16, 3)
+        Keypoints of the particles in the world.
+    """
     seen = moment.confidence > 0
-    points = world_points(cloud, body, base)
     uv = project(moment.camera, points[:, seen])
     good = np.isfinite(uv).all(axis=(1, 2))
     share = float(cloud.weight[good].sum())
     if share < 0.5:
         return False
-    weight = cloud.weight[good] / share
-    mean = np.einsum("n,nkd->kd", weight, uv[good])
-    apart = uv[good] - mean
-    whole = np.einsum("n,nki,nkj->kij", weight, apart, apart)
-    variance = pixel_variance(moment, np.einsum("n,nkd->kd", weight, points[good]), settings)[seen]
+    weight, uv, points = cloud.weight[good] / share, uv[good], points[good]
+    mean = np.einsum("n,nkd->kd", weight, uv)
+    apart = np.swapaxes(uv - mean, 0, 1)
+    whole = np.swapaxes(apart * weight[:, None], 1, 2) @ apart
+    variance = pixel_variance(moment, np.einsum("n,nkd->kd", weight, points), settings)[seen]
     whole = whole + variance[:, None, None] * np.eye(2)
     off = moment.uv[seen] - mean
     square = (off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=1)
