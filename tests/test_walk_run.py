@@ -11,9 +11,10 @@ from handtrack.body import walk_baselines
 from handtrack.body.posture import keypoints
 from handtrack.body.suit_body import body_of_walk
 from handtrack.body.walk_baselines import place_from_points
-from handtrack.body.walk_inputs import open_walk, walker
+from handtrack.body.walk_inputs import open_walk
 from handtrack.body.walk_metrics import walk_figures
 from handtrack.body.walk_moment import keypoint_sigma, lasting_factor, moments
+from handtrack.body.walk_person import chains, walker
 from handtrack.body.walk_run import follow_walk, run_folder, settings_for
 from handtrack.body.walk_settings import METHODS, Settings
 from handtrack.camera import project
@@ -120,13 +121,13 @@ def test_the_camera_alone_is_lost_before_it_saw_anybody():
 
 
 @pytest.mark.parametrize(
-    ("fps", "camera_fps", "jitter", "missing"),
-    [(5.0, 30.0, 0.002, 0.1), (30.0, 4.0, 0.01, 0.2), (10.0, 10.0, 0.0, 0.5)],
+    ("fps", "camera_fps", "jitter", "missing", "most"),
+    [(5.0, 30.0, 0.002, 0.1, 0.06), (30.0, 4.0, 0.01, 0.2, 0.06), (10.0, 10.0, 0.0, 0.5, 0.09)],
 )
-def test_streams_of_any_rates_with_lost_samples_are_followed(fps, camera_fps, jitter, missing):
-    walk = short(6.0, fps=fps, camera_fps=camera_fps, jitter=jitter, missing=missing)
+def test_streams_of_any_rates_with_lost_samples_are_followed(fps, camera_fps, jitter, missing, most):
+    walk = short(20.0, fps=fps, camera_fps=camera_fps, jitter=jitter, missing=missing)
     track, found = figures(walk)
-    assert found.mean < 0.06 and track.frame.size == walk.frame.size
+    assert found.mean < most and track.frame.size == walk.frame.size
     assert 0.2 < track.in_view.mean() <= 1.0
 
 
@@ -195,7 +196,7 @@ def test_frames_close_in_time_count_less_each():
 
 
 def test_the_same_input_gives_the_same_files_but_for_timings(tmp_path: Path):
-    write_walk(tmp_path / "walk", short())
+    write_walk(tmp_path / "walk", short(16.0))
     texts = []
     for name in ("one", "two"):
         done = run_folder(tmp_path / "walk", tmp_path / name, settings_for("eskf"))
@@ -245,12 +246,22 @@ def test_keypoints_of_another_time_are_refused(tmp_path: Path):
         open_walk(tmp_path / "walk", tmp_path / "json", start=100.0)
 
 
-def test_the_walker_is_kept_and_found_again_after_a_while():
+def test_a_chain_goes_on_after_a_gap_and_ends_after_a_long_one():
     uv = np.array([100.0, 900.0, 110.0, 905.0, 600.0])[:, None, None] + np.zeros((5, 16, 2))
-    sure = np.full((5, 16), 0.5)
-    sure[0] = 0.9
     frame, time = np.array([0, 0, 1, 2, 3]), np.array([0.0, 0.1, 0.2, 5.0])
-    assert walker(time, frame, uv, sure, 720.0).tolist() == [0, 2, -1, 4]
+    assert chains(time, frame, uv, np.ones((5, 16)), 720.0).tolist() == [0, 1, 0, 1, 2]
+    assert chains(time, frame, uv, np.zeros((5, 16)), 720.0).tolist() == [-1] * 5
+
+
+def test_a_second_walker_with_another_posture_does_not_take_the_suits_place():
+    walk, other = short(30.0), make_walk(8, WalkSettings(seconds=30.0)).walk
+    c = walk.camera_time.size
+    frame = np.repeat(np.arange(c), 2)
+    uv = np.stack([other.uv[:c], walk.uv], axis=1).reshape(-1, 16, 2)
+    confidence = np.stack([other.confidence[:c], walk.confidence], axis=1).reshape(-1, 16)
+    chosen = walker(walk, frame, uv, confidence)
+    both = (confidence > 0).sum(axis=1).reshape(-1, 2).min(axis=1) >= 8
+    assert both.sum() > 20 and np.mean(chosen[both] % 2 == 1) > 0.9
 
 
 def test_unknown_methods_and_settings_out_of_range_are_refused():
@@ -258,13 +269,13 @@ def test_unknown_methods_and_settings_out_of_range_are_refused():
         settings_for("slam")
     with pytest.raises((ValueError, TypeError), match="method"):
         Settings(method="slam")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="least_sure: got 2, wanted at least surest, 4"):
-        Settings(least_sure=2)
+    with pytest.raises(ValueError, match=r"least_sure: got 2\.0, wanted at least surest, 4"):
+        Settings(least_sure=2.0)
     for field in fields(Settings):
         if field.name not in ("method", "proposal", "asymmetric", "calibrate"):
-            for value in (-1.0, float("nan")):
+            for value in (-1,) if field.type is int else (-1.0, float("nan")):
                 with pytest.raises(ValueError, match=f"{field.name}: got"):
-                    Settings(**{field.name: value})
+                    replace(Settings(), **{field.name: value})
     assert [settings_for(name).method for name in METHODS] == list(METHODS)
 
 

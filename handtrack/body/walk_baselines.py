@@ -18,6 +18,7 @@ from .walk_settings import Settings
 
 REACH = 15.0  # pixels within which a keypoint agrees with a pose
 TRIALS = 100
+FARTHEST = 100.0  # metres from the camera at which nobody's keypoints can be told apart
 FEWEST = 6  # keypoints that a pose needs: four fix it, the others say whether it is right
 SUIT_SIGMA = (0.3, 10.0)  # metres and degrees, of a suit that nobody corrects
 CAMERA_SIGMA = (0.15, 8.0)  # of a pose from one frame; and what each second without one adds:
@@ -54,14 +55,15 @@ def place_from_points(
         )  # fmt: skip
         if not good or inliers is None or inliers.size < FEWEST:
             return None
-        at = inliers.ravel()
+        at = np.asarray(inliers, dtype=np.intp).reshape(-1)
         rvec, tvec = cv2.solvePnPRefineLM(object_points[at], image_points[at], K, camera.distortion, rvec, tvec)
     except cv2.error:  # points in one line, or none that agree
         return None
     turn = camera.R.T @ Rotation.from_rotvec(np.ravel(rvec)).as_matrix()
     place = camera.R.T @ (np.ravel(tvec) - camera.t)
     ahead = float((camera.R @ (turn @ points.mean(axis=0) + place) + camera.t)[2])
-    return (place, turn) if np.isfinite(place).all() and np.isfinite(turn).all() and ahead > 0 else None
+    sensible = np.isfinite(place).all() and np.isfinite(turn).all() and 0.0 < ahead < FARTHEST
+    return (place, turn) if sensible else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

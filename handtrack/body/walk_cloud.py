@@ -153,7 +153,8 @@ def spread_anew(cloud: Cloud, rng: np.random.Generator) -> Cloud:
     both = np.concatenate([cloud.x, cloud.pace], axis=1)
     mean, covariance = estimate(both, cloud.weight)
     value, axes = np.linalg.eigh(covariance)
-    root = axes * np.sqrt(np.maximum(value, 0.0) * (1.0 - SHRINK**2))
+    # the symmetric root: unlike the axes' signs, it does not hang on rounding
+    root = (axes * np.sqrt(np.maximum(value, 0.0) * (1.0 - SHRINK**2))) @ axes.T
     new = both[resampled(rng, cloud.weight)]
     new = mean + SHRINK * (new - mean) + rng.standard_normal(new.shape) @ root.T
     even = np.full(new.shape[0], 1.0 / new.shape[0])

@@ -135,7 +135,7 @@ def moments(walk: Walk, body: Body, settings: Settings) -> list[Moment]:
     InputError
         If no frame of the suit has the pelvis.
     """
-    known = np.isfinite(walk.p).all(axis=-1) & np.isfinite(walk.wxyz).all(axis=-1)
+    known = np.asarray(np.isfinite(np.concatenate([walk.p, walk.wxyz], axis=-1)).all(axis=-1))
     if not known[:, 0].any():
         raise InputError(f"{walk.path.parent / 'segments.csv'}: the pelvis has no sample; at least one is wanted")
     time, frame, shot = _times(walk)
@@ -223,10 +223,11 @@ def _segments(
             p[:, i] = p[:, above] + R[:, above] @ body.whole.offset[i]
             continue
         before, after, share, _ = _bracket(walk.time[known[:, i]], time, hold)
-        x, turn = walk.p[known[:, i], i], Rotation.from_quat(walk.wxyz[known[:, i], i], scalar_first=True)
+        x, wxyz = walk.p[known[:, i], i], walk.wxyz[known[:, i], i]
         p[:, i] = x[before] + share[:, None] * (x[after] - x[before])
-        way = (turn[before].inv() * turn[after]).as_rotvec()
-        R[:, i] = (turn[before] * Rotation.from_rotvec(share[:, None] * way)).as_matrix()
+        first, last = (Rotation.from_quat(wxyz[at], scalar_first=True) for at in (before, after))
+        way = (first.inv() * last).as_rotvec()
+        R[:, i] = (first * Rotation.from_rotvec(share[:, None] * way)).as_matrix()
     return p, R
 
 

@@ -9,9 +9,10 @@ run.json        settings, versions, checksums of the input, figures, timings
 import hashlib
 import importlib
 import json
+import os
 import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
@@ -43,11 +44,12 @@ _MODULES = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkRun:
-    """A finished run: what was read, whose body, what was found, and the content of `run.json`."""
+    """A finished run: what was read, whose body, what was found, the suit alone, and the content of `run.json`."""
 
     opened: WalkInput
     body: Body
     track: WalkTrack
+    raw: WalkTrack
     record: dict[str, object]
 
 
@@ -187,20 +189,24 @@ def follow_input(
     """Follow the person of an opened walk."""
     body = body_of_walk(opened.walk)
     track = follow_walk(opened.walk, body, settings, seed, progress)
-    return WalkRun(opened, body, track, run_record(opened, track, settings, seed))
+    raw = track
+    if settings.method != "suit":
+        raw = follow_walk(opened.walk, body, replace(settings, method="suit"), seed)
+    return WalkRun(opened, body, track, raw, run_record(opened, track, raw, settings, seed))
 
 
 def write_run(folder: Path, done: WalkRun) -> None:
     """Write the four files into a folder that is there, each whole or not at all."""
     write_walk_track(folder, done.track)
-    text = json.dumps(done.record, indent=2, ensure_ascii=False, allow_nan=False)
+    record = done.record | {"input": os.path.relpath(done.opened.walk.path, folder)}
+    text = json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False)
     write_text(folder / RUN_FILE, text + "\n")
 
 
-def run_record(opened: WalkInput, track: WalkTrack, settings: Settings, seed: int) -> dict[str, object]:
+def run_record(opened: WalkInput, track: WalkTrack, raw: WalkTrack, settings: Settings, seed: int) -> dict[str, object]:
     """Content of `run.json`; all of it but the timings is the same for the same input, settings and seed."""
     walk = opened.walk
-    figures = walk_figures(track, walk.truth)
+    ours, suit = walk_figures(track, walk.truth), walk_figures(raw, walk.truth)
     return {
         "format": FORMAT,
         "walk": walk.path.absolute().parent.name,
@@ -213,7 +219,8 @@ def run_record(opened: WalkInput, track: WalkTrack, settings: Settings, seed: in
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
         "inputs": {name: _digest(paths) for name, paths in opened.files},
         "warnings": [*opened.warnings, *track.warnings],
-        "figures": None if figures is None else figures.as_data(),
+        "figures": None if ours is None else ours.as_data(),
+        "figures_suit_alone": None if suit is None else suit.as_data(),
         "timings": {"median_frame_ms": round(1e3 * float(np.median(track.seconds)), 3)},
     }
 

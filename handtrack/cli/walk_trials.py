@@ -11,19 +11,15 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
-from scipy.spatial.transform import Rotation
 
 from synth.walk import WalkScene, WalkSettings, make_walk
 
 from ..body.suit_body import body_of_walk
+from ..body.walk_metrics import held, walk_errors
 from ..body.walk_run import follow_walk
 from ..body.walk_settings import Settings
-from ..formats.walk_tracks import WalkTrack
-from ..formats.walks import WalkTruth
-from ..report.walk_facts import WRISTS, walk_facts
 from ..reproduce.drift_walk import NAMES, Comparison, Trial, comparison
 
 METHODS = tuple(NAMES)
@@ -57,28 +53,17 @@ def scored(scene: WalkScene, methods: Sequence[str], seed: int) -> Trial:
         raise ValueError("scene: has no truth, one was wanted")
     body = body_of_walk(walk)
     tracks = [follow_walk(walk, body, settings_of(method), seed) for method in methods]
-    facts = [walk_facts(track, None, truth) for track in tracks]
-    errors = [each.errors for each in facts if each.errors is not None]
+    errors = [walk_errors(track, truth) for track in tracks]
     return Trial(
         lap=scene.lap,
         in_view=tracks[0].in_view,
         place=np.stack([each.place for each in errors]),
         heading=np.stack([np.abs(each.heading) for each in errors]),
         hand=np.stack([each.wrist.mean(axis=1) for each in errors]),
-        relative=np.stack([relative(track, truth) for track in tracks]),
-        held=np.array([each.held for each in facts]),
+        relative=np.stack([each.relative.mean(axis=1) for each in errors]),
+        held=np.array([held(each.off, track.sigma).mean() for each, track in zip(errors, tracks, strict=True)]),
         milliseconds=np.array([1e3 * float(np.median(track.seconds)) for track in tracks]),
     )
-
-
-def relative(track: WalkTrack, truth: WalkTruth) -> Float[np.ndarray, " f"]:
-    """Mean distance of both wrists from the true ones, each in the axes of its own pelvis, metres."""
-    ours, real = (
-        Rotation.from_quat(np.repeat(wxyz, 2, axis=0), scalar_first=True).inv()
-        .apply((points[:, list(WRISTS)] - p[:, None]).reshape(-1, 3))
-        for wxyz, p, points in ((track.wxyz, track.p, track.keypoints), (truth.wxyz, truth.p, truth.keypoints))
-    )  # fmt: skip
-    return np.linalg.norm(ours - real, axis=1).reshape(-1, 2).mean(axis=1)
 
 
 def drift_walk(

@@ -19,19 +19,33 @@ def walk(
             help="Particles on the drift or on the pose, an error-state filter on the drift; camera or suit alone."
         ),
     ] = "drift-ff",
+    particles: Annotated[
+        int, typer.Option(min=2, max=100_000, help="Of the fusion filter, and of each of the five posture filters.")
+    ] = 200,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="OpenPose's folder, or COCO's or MediaPipe's file, instead of keypoints2d.csv.", show_default=False
+        ),
+    ] = None,
+    poses_fps: Annotated[
+        float | None,
+        typer.Option(min=0.1, max=1000.0, help="Frames a second of --poses.", show_default="that of the walk"),
+    ] = None,
+    poses_start: Annotated[float, typer.Option(help="Time of their first frame on the suit's clock, seconds.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Decides every random choice.")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="A summary as JSON for machines.")] = False,
 ) -> None:
     """Follow a person with an inertial suit before a camera; writes walk.csv, posture.csv, keypoints.csv and a page."""
+    from ..body.walk_inputs import open_walk
     from ..body.walk_settings import Settings
-    from ..formats.walks import read_walk
     from .walk_files import follow_into, summary, summary_text
 
-    read = read_walk(recording)
-    for line in read.warnings:
+    opened = open_walk(recording, poses, poses_fps, poses_start)
+    for line in opened.warnings:
         warning(line)
-    done = follow_into(out, read, Settings(method=method), seed)
-    for line in done.warnings[len(read.warnings) :]:
+    done = follow_into(out, opened, Settings(method, particles, particles), seed)
+    for line in done.warnings[len(opened.warnings) :]:
         warning(line)
     if as_json:
         say_json(summary(done, out))

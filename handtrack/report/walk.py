@@ -16,12 +16,13 @@ from string import Template
 import numpy as np
 from jaxtyping import Int
 
+from ..body.walk_metrics import yaw_of
 from ..camera import Camera
 from ..formats.skeletons import KEYPOINTS
 from ..formats.walk_tracks import STATUSES, WalkTrack
 from ..formats.walks import Walk, WalkTruth
 from ..formats.writing import write_text
-from .walk_facts import WalkFacts, yaw
+from .walk_facts import WalkFacts
 from .walk_tiles import walk_tiles
 
 MOST_FRAMES = 5000  # in one page; more are thinned
@@ -138,7 +139,7 @@ def _data(shown: WalkShown, step: int) -> dict[str, object]:
         "inView": _bytes(track.in_view[rows], "u1"),
         "pelvis": _floats(track.p[rows]),
         "sigma": _floats(track.sigma[rows]),
-        "heading": _floats(np.degrees(yaw(track.wxyz[rows]))),
+        "heading": _floats(np.degrees(yaw_of(track.wxyz[rows]))),
         "sigmaHeading": _floats(np.degrees(track.sigma_heading[rows])),
         "points": _floats(track.keypoints[rows]),
         "joints": [name.replace("_", " ") for name in track.joint_names],
@@ -152,7 +153,7 @@ def _data(shown: WalkShown, step: int) -> dict[str, object]:
 
 
 def _other(p: np.ndarray, wxyz: np.ndarray, keypoints: np.ndarray) -> dict[str, str]:
-    return {"pelvis": _floats(p), "heading": _floats(np.degrees(yaw(wxyz))), "points": _floats(keypoints)}
+    return {"pelvis": _floats(p), "heading": _floats(np.degrees(yaw_of(wxyz))), "points": _floats(keypoints)}
 
 
 def _camera(camera: Camera) -> dict[str, object]:

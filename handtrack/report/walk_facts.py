@@ -1,39 +1,13 @@
-"""A track of a walk, and where known the raw suit and the truth, in; figures of its page and of `run.json` out.
-
-The error of a place is the distance from the true pelvis; that of a heading the angle between the two yaws. Two sigma
-hold a place along an axis if it lies within twice its standard deviation of the truth.
-"""
+"""A track of a walk, and where known the raw suit and the truth, in; figures and sentences of its page out."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
-from ..formats.skeletons import KEYPOINTS
+from ..body.walk_metrics import WalkErrors, held, walk_errors
 from ..formats.walk_tracks import STATUSES, WalkTrack
 from ..formats.walks import WalkTruth
-
-WRISTS = (KEYPOINTS.index("left_wrist"), KEYPOINTS.index("right_wrist"))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WalkErrors:
-    """What the truth says of a track; NaN where it says nothing.
-
-    Attributes
-    ----------
-    place, off : (f,), (f, 3)
-        Distance from the true pelvis, and along the world's axes, metres.
-    heading : (f,)
-        Estimate less truth, radians, from -pi to pi.
-    wrist : (f, 2)
-        Distance of the left and the right wrist, metres.
-    """
-
-    place: Float[np.ndarray, " f"]
-    off: Float[np.ndarray, "f 3"]
-    heading: Float[np.ndarray, " f"]
-    wrist: Float[np.ndarray, "f 2"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,43 +94,20 @@ def walk_facts(track: WalkTrack, raw: WalkTrack | None = None, truth: WalkTruth 
             raise ValueError(f"{name}: has {count} frames, wanted those of the track, {f}")
     blind = ~track.in_view
     errors = None if truth is None else walk_errors(track, truth)
-    held = heading_held = np.nan
+    places = headings = np.nan
     if errors is not None:
-        held = _held(errors.off, track.sigma)
-        heading_held = _held(errors.heading, track.sigma_heading)
+        places = float(held(errors.off, track.sigma).mean())
+        headings = float(held(errors.heading[:, None], track.sigma_heading[:, None])[0])
     return WalkFacts(
         in_view=float(track.in_view.mean()) if f else 0.0,
         longest=max((float(track.time[b] - track.time[a]) for a, b in spans(blind)), default=0.0),
         shares=tuple(float(np.mean(track.status == name)) if f else 0.0 for name in STATUSES),
         errors=errors,
         raw=None if raw is None or truth is None else walk_errors(raw, truth),
-        held=held,
-        heading_held=heading_held,
+        held=places,
+        heading_held=headings,
         out_of_view=blind,
     )
-
-
-def walk_errors(track: WalkTrack, truth: WalkTruth) -> WalkErrors:
-    """Errors of a track, frame by frame."""
-    off = track.p - truth.p
-    turn = yaw(track.wxyz) - yaw(truth.wxyz)
-    at = list(WRISTS)
-    return WalkErrors(
-        place=np.linalg.norm(off, axis=1),
-        off=off,
-        heading=np.arctan2(np.sin(turn), np.cos(turn)),
-        wrist=np.linalg.norm(track.keypoints[:, at] - truth.keypoints[:, at], axis=-1),
-    )
-
-
-def yaw(wxyz: Float[np.ndarray, "f 4"]) -> Float[np.ndarray, " f"]:
-    """Heading of the forward axis about the vertical, radians; of `Rot_z(yaw) Rot_y(pitch) Rot_x(roll)` the first.
-
-    >>> yaw(np.array([[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]])).round(6).tolist()
-    [1.570796]
-    """
-    w, x, y, z = wxyz.T
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def spans(on: Bool[np.ndarray, " f"]) -> list[tuple[int, int]]:
@@ -167,11 +118,6 @@ def spans(on: Bool[np.ndarray, " f"]) -> list[tuple[int, int]]:
     """
     edge: Int[np.ndarray, " g"] = np.diff(np.concatenate([[0], on.astype(int), [0]]))
     return list(zip(np.flatnonzero(edge == 1).tolist(), (np.flatnonzero(edge == -1) - 1).tolist(), strict=True))
-
-
-def _held(off: np.ndarray, sigma: np.ndarray) -> float:
-    known = np.isfinite(off)
-    return float(np.mean(np.abs(off[known]) <= 2.0 * sigma[known])) if known.any() else np.nan
 
 
 def _mean(values: np.ndarray) -> float:
