@@ -20,6 +20,7 @@ from handtrack.body.posture import (
     body_of,
     chain_frames,
     chain_frames_numpy,
+    heading_first,
     keypoints,
     part_frames,
     pelvis_numbers,
@@ -311,3 +312,11 @@ def test_a_suit_without_a_whole_sample_or_with_origins_in_one_place_tells_no_len
     assert sizes_from_segments(sizes_of(1.7), *none) == sizes_of(1.7)
     still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (2, 13, 4)).copy()
     assert sizes_from_segments(sizes_of(1.7), np.zeros((2, 13, 3)), still) == sizes_of(1.7)
+
+
+@given(st.integers(0, 10_000))
+def test_heading_first_reads_a_rotation_as_scipy_does(seed):
+    turn = Rotation.random(random_state=seed)
+    np.testing.assert_allclose(
+        heading_first(turn.as_matrix()), pelvis_numbers(np.zeros((1, 3)), turn)[0, 3:], atol=1e-9
+    )

@@ -174,3 +174,10 @@ def test_a_wider_body_does_not_change_how_many_particles_there_are():
     tall: Body = body_of(2.0)
     state = begin(tall, Settings(part_particles=50))
     assert state.theta.shape == (50, 20) and state.weight.shape == (50, 5)
+
+
+def test_compiled_misfits_are_those_of_the_features():
+    frames = posture_filter.chain_frames(begin(BODY, Settings()).chain, np.stack([posture(k, 0.9) for k in range(20)]))
+    z = measured(BODY, moment(posture(3)), Settings())
+    args = BODY, frames, z, Settings(segment_noise=0.03, segment_turn_noise=7.0)
+    np.testing.assert_allclose(posture_filter.misfits(*args), posture_filter.misfits_numpy(*args), rtol=1e-12)

@@ -90,3 +90,21 @@ def points_on(frames, segment, local, out):  # pragma: no cover - compiled
             f = frames[b, segment[k]]
             for r in range(3):
                 out[b, k, r] = f[r, 3] + f[r, 0] * local[k, 0] + f[r, 1] * local[k, 1] + f[r, 2] * local[k, 2]
+
+
+@njit(cache=True, error_model="numpy")
+def misfits(frames, end, z, place, turn, out):  # pragma: no cover - compiled
+    """Fill (n, s) with squared differences of segments' ends and axes from measured ones (s, 12).
+
+    `place` and `turn` are what one metre and one unit of an axis weigh; twin: `body.posture_filter.misfits_numpy`.
+    """
+    for b in range(frames.shape[0]):
+        for i in range(frames.shape[1]):
+            f = frames[b, i]
+            total = 0.0
+            for r in range(3):
+                at = f[r, 3] + f[r, 0] * end[i, 0] + f[r, 1] * end[i, 1] + f[r, 2] * end[i, 2]
+                total += (at * place - z[i, r]) ** 2
+                for c in range(3):
+                    total += (f[r, c] * turn - z[i, 3 + 3 * r + c]) ** 2
+            out[b, i] = total

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from .._kernels import posture as _kernels
 from .particles import effective_size, normalised, resampled
 from .posture import ROOT, Body, chain_frames
 from .posture_tree import PART_SEGMENTS, PARTS, Chain
@@ -117,9 +118,15 @@ def features(body: Body, frames: Float[np.ndarray, "n 12 4 4"], settings: Settin
     """
     R = frames[..., :3, :3]
     out = np.empty((*frames.shape[:2], 12))
-    out[..., :3] = (frames[..., :3, 3] + (R @ body.end[1:, :, None])[..., 0]) / settings.segment_noise
-    out[..., 3:].reshape(R.shape)[...] = R / (np.sqrt(2.0) * np.radians(settings.segment_turn_noise))
+    place, turn = _weights(settings)
+    out[..., :3] = (frames[..., :3, 3] + (R @ body.end[1:, :, None])[..., 0]) * place
+    out[..., 3:].reshape(R.shape)[...] = R * turn
     return out
+
+
+def _weights(settings: Settings) -> tuple[float, float]:
+    """What a metre, and a unit of an axis, count in `features`."""
+    return 1.0 / settings.segment_noise, float(1.0 / (np.sqrt(2.0) * np.radians(settings.segment_turn_noise)))
 
 
 def measured(body: Body, moment: Moment, settings: Settings) -> Float[np.ndarray, "12 12"]:
@@ -138,8 +145,24 @@ def log_likelihood(
     state: Postures, body: Body, theta: Float[np.ndarray, "n 20"], z: Float[np.ndarray, "12 12"], settings: Settings
 ) -> Float[np.ndarray, "n 5"]:
     """ln p(z | theta) of the parts' particles but for a constant; `z` as `features` has it."""
-    apart = expected(state, body, theta, settings) - z
-    return -0.5 * _by_part(np.einsum("nsd,nsd->ns", apart, apart), axis=1)
+    return -0.5 * _by_part(misfits(body, chain_frames(state.chain, theta), z, settings), axis=1)
+
+
+def misfits(
+    body: Body, frames: Float[np.ndarray, "n 12 4 4"], z: Float[np.ndarray, "12 12"], settings: Settings
+) -> Float[np.ndarray, "n 12"]:
+    """Squared differences of segments from what is measured of them, in standard deviations."""
+    out = np.empty(frames.shape[:2])
+    _kernels.misfits(frames, np.ascontiguousarray(body.end[1:]), z, *_weights(settings), out)
+    return out
+
+
+def misfits_numpy(
+    body: Body, frames: Float[np.ndarray, "n 12 4 4"], z: Float[np.ndarray, "12 12"], settings: Settings
+) -> Float[np.ndarray, "n 12"]:
+    """The same in plain NumPy."""
+    apart = features(body, frames, settings) - z
+    return np.einsum("nsd,nsd->ns", apart, apart)
 
 
 def fitted(

@@ -9,12 +9,11 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from . import posture_filter
 from .drift_eskf import FAR, RECENT, UNKNOWN_SPEED, WIDE
 from .particles import normalised
-from .posture import ROOT, Body, keypoints, pelvis_numbers
+from .posture import ROOT, Body, heading_first, keypoints
 from .posture_filter import Postures
 from .walk_baselines import place_from_points
 from .walk_cloud import HEADING, SIZE, Cloud, moments_of, renewed, scattered, world_points
@@ -164,8 +163,7 @@ def _estimate(state: State, moment: Moment, base: Float[np.ndarray, "3 3"], rest
     told = state.settings
     place, turn, covariance = moments_of(state.cloud)
     posture, sigma = _posture(state, in_view=moment.in_view and state.misfits == 0)
-    pelvis = pelvis_numbers(place[None], Rotation.from_matrix((turn @ base)[None]))[0]
-    q = np.concatenate([pelvis, posture])
+    q = np.concatenate([place, heading_first(turn @ base), posture])
     silent = (UNKNOWN_SPEED * moment.since) ** 2
     own = np.radians(np.hypot(told.pelvis_calibration, told.orientation_noise)) ** 2
     extra = told.odometry_noise**2 + silent * np.array([1.0, 1.0, 0.1])

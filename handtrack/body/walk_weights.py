@@ -26,7 +26,7 @@ from .walk_moment import Moment, keypoint_sigma, lasting_factor
 from .walk_settings import Settings
 
 STAGES = 12  # steps of one update at most
-HALVINGS = 20
+HALVINGS = 10
 STEP = 0.3  # share of effective particles that each step leaves
 FARTHEST = 6.0  # spreads of an outlier beyond which it does not get worse
 
@@ -75,10 +75,11 @@ def largest_power(
     0.3
     """
     wanted = min(share * weight.size, 0.99 * effective_size(weight))
-    before = np.log(np.maximum(weight, 1e-300))
+    likelihood = log_likelihood - log_likelihood.max()
 
     def leaves(power: float) -> bool:
-        return effective_size(normalised(before + power * log_likelihood)) >= wanted
+        new = weight * np.exp(power * likelihood)
+        return float(new.sum()) ** 2 >= wanted * float(new @ new)
 
     if leaves(most):
         return most
