@@ -85,3 +85,48 @@ def _at_least(seeds: int, first_seed: int) -> None:
     for name, value, least in (("seeds", seeds, 1), ("first-seed", first_seed, 0)):
         if value < least:
             raise InputError(f"--{name}: {value} given; at least {least} was wanted")
+
+
+@app.command("loss")
+def loss(
+    seeds: _Seeds = 10,
+    first_seed: _First = 0,
+    refine: _Refine = False,
+    workers: _Workers = None,
+    as_json: _Json = False,
+    plot: _Plot = None,
+) -> None:
+    """Injected losses (cut, jump, covered camera, wrong pose): ROC, delay of detection, share recovered."""
+    from ..reproduce.loss_detection import (
+        HEADER,
+        as_data,
+        by_kind,
+        pooled,
+        status_shares,
+        table_rows,
+        threshold_at,
+        told_at,
+    )
+    from ..settings import Settings
+    from .loss_trials import loss_figure, loss_suite, loss_tried
+    from .occlusion_trials import all_tried
+    from .pictures import check, save
+
+    _at_least(seeds, first_seed)
+    if plot is not None:
+        check(plot)
+    jobs = loss_suite(seeds, first_seed, Settings(refine=refine))
+    with progress("runs", len(jobs)) as done:
+        runs = all_tried(loss_tried, jobs, workers, done)
+    curve = pooled(runs)
+    rows = by_kind(runs, threshold_at(curve))
+    if plot is not None:
+        save(loss_figure(curve, rows), plot)
+    if as_json:
+        say_json(as_data(runs, curve, rows))
+        return
+    say(table(HEADER, table_rows(rows)))
+    shares = ", ".join(f"{100 * told_at(curve, each):.1f} % at {100 * each:g} %" for each in (0.001, 0.01, 0.05, 0.2))
+    say(f"\nlost frames told at false alarms of: {shares}; area under the ROC {curve.area:.4f}")
+    held, lost = status_shares(runs)
+    say(f"by status alone: {100 * lost:.1f} % of the lost frames called lost, {100 * held:.2f} % of the held ones")
