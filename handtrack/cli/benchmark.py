@@ -45,13 +45,13 @@ def occlusion(
     plot: _Plot = None,
 ) -> None:
     """Fingers hidden wholly, by one that looks alike, by a board, in a whole hand: error, NEES, swaps, recovery."""
-    from ..reproduce.total_occlusion import HEADER, as_data, summed, table_rows
+    from ..reproduce.hidden_fingers import HEADER, as_data, summed, table_rows
     from ..settings import Settings
     from .occlusion_trials import all_tried, figure, suite, tried
     from .pictures import check, save
 
     chosen = chosen_scenes(scene, frames)
-    _at_least(seeds, first_seed)
+    at_least(seeds, first_seed)
     if plot is not None:  # first: a wrong name is told before minutes of work
         check(plot)
     jobs = suite(chosen, seeds, first_seed, Settings(refine=refine))
@@ -81,7 +81,8 @@ def chosen_scenes(names: list[str] | None, frames: list[int] | None) -> list[tup
     return [(kind, length) for kind, length in SCENES if kind in wanted]
 
 
-def _at_least(seeds: int, first_seed: int) -> None:
+def at_least(seeds: int, first_seed: int) -> None:
+    """Refuse numbers of seeds that make no run."""
     for name, value, least in (("seeds", seeds, 1), ("first-seed", first_seed, 0)):
         if value < least:
             raise InputError(f"--{name}: {value} given; at least {least} was wanted")
@@ -112,7 +113,7 @@ def loss(
     from .occlusion_trials import all_tried
     from .pictures import check, save
 
-    _at_least(seeds, first_seed)
+    at_least(seeds, first_seed)
     if plot is not None:
         check(plot)
     jobs = loss_suite(seeds, first_seed, Settings(refine=refine))

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from synth.occlusion_scenes import occlusion_scene
 from synth.scripted import Scripted, finger_joints, finger_names, pictures
 
-from ..reproduce.total_occlusion import Row, Run, Script, Trial, trial
+from ..reproduce.hidden_fingers import Row, Run, Script, Trial, trial
 from ..residuals import chain
 from ..settings import Settings
 from ..tracker import begin, step
