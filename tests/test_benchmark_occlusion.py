@@ -20,6 +20,7 @@ from handtrack.reproduce.hidden_fingers import (
     table_rows,
     trial,
 )
+from handtrack.reproduce.loss_detection import HEADER as LOSS_HEADER
 from handtrack.reproduce.loss_detection import (
     LossRun,
     by_kind,
@@ -33,7 +34,6 @@ from handtrack.reproduce.loss_detection import (
     threshold_at,
     told_at,
 )
-from handtrack.reproduce.loss_detection import HEADER as LOSS_HEADER
 from handtrack.reproduce.loss_detection import as_data as loss_data
 from handtrack.reproduce.loss_detection import table_rows as loss_rows
 from handtrack.reproduce.total_occlusion import claim_rows, claims
