@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from handtrack.camera import Camera
 from handtrack.kinematics import Model
 
-from .raycast import cast_depth, pill_boxes, pill_table
+from . import _kernels
+from .raycast import hull_box, pill_boxes, pill_table, pixel_grid
 from .scene import Scene, clean_image, posed
 from .sensor import sense
 
@@ -83,25 +85,36 @@ def finger_joints(model: Model, finger: str) -> Int[np.ndarray, " n"]:
 
 def shares(scene: Scene, board: Board | None = None) -> tuple[Float[np.ndarray, "m l"], Float[np.ndarray, "m f"]]:
     """Visible share of every link, and of every finger, in every frame; 0 for one outside the image."""
-    finger = scene.model.link_finger
+    finger, camera = scene.model.link_finger, scene.camera
+    alone = [np.arange(finger.size) == k for k in range(finger.size)]
+    alone += [finger == f for f in range(finger.max() + 1)]
     links, fingers = [], []
     for frame in range(scene.truth.shape[0]):
         pills = posed(scene, frame)
-        table, boxes = pill_table(pills), pill_boxes(pills, scene.camera)
-        part = cast_depth(table, boxes, scene.camera)[1][1:-1, 1:-1]
+        table, boxes = pill_table(pills), pill_boxes(pills, camera)
+        x0, x1, y0, y1 = hull_box(boxes, camera)
+        grid = np.ascontiguousarray(pixel_grid(camera)[y0 : y1 + 2, x0 : x1 + 2])
+        boxes = boxes - np.array([x0, x0, y0, y0])
+        part = _parts(camera, grid, table, boxes)
         if board is not None:
-            part = np.where(covered(board, frame, part.shape) > 0.5, -1, part)
+            shape = (camera.height, camera.width)
+            part = np.where(covered(board, frame, shape)[y0:y1, x0:x1] > 0.5, -1, part)
         seen = np.bincount(part[part >= 0], minlength=finger.size).astype(float)
-        whole = np.array([_pixels(scene, table[k : k + 1], boxes[k : k + 1]) for k in range(finger.size)])
-        of_finger = [_pixels(scene, table[finger == f], boxes[finger == f]) for f in range(finger.max() + 1)]
-        links.append(seen / np.maximum(whole, 1))
-        fingers.append(np.bincount(finger, seen) / np.maximum(of_finger, 1))
+        whole = np.array([np.count_nonzero(_parts(camera, grid, table[its], boxes[its]) >= 0) for its in alone])
+        whole = np.maximum(whole, 1)
+        links.append(seen / whole[: finger.size])
+        fingers.append(np.bincount(finger, seen) / whole[finger.size :])
     return np.array(links), np.array(fingers)
 
 
-def _pixels(scene: Scene, table: Float[np.ndarray, "l p"], boxes: Int[np.ndarray, "l 4"]) -> int:
-    """Pixels on which some links would be seen alone."""
-    return int(np.count_nonzero(cast_depth(table, boxes, scene.camera)[1] >= 0))
+def _parts(
+    camera: Camera, grid: Float[np.ndarray, "hp wp 2"], table: Float[np.ndarray, "l p"], boxes: Int[np.ndarray, "l 4"]
+) -> Int[np.ndarray, "h w"]:
+    """Link seen at each pixel of a part of the image, -1 for none."""
+    height, width = grid.shape[0] - 2, grid.shape[1] - 2
+    depth, part = np.full((height, width), np.inf), np.full((height + 2, width + 2), -1, dtype=np.int32)
+    _kernels.cast_pixels(grid, camera.kind == "perspective", table, boxes, depth, part)
+    return part[1:-1, 1:-1]
 
 
 def covered(board: Board, frame: int, shape: tuple[int, int]) -> Float[np.ndarray, "h w"]:

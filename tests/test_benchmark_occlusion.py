@@ -56,7 +56,7 @@ def script(n=20, first=5, last=10, watched=0, kind="hidden"):
     return Script(kind, int(hidden.sum()), 0, truth, FINGERS, watched, share, hidden)
 
 
-def run(off=0.0, sigma=1.0, n=20):
+def run(off: float | np.ndarray = 0.0, sigma=1.0, n=20):
     """A run that is off by so many degrees (anything that broadcasts to (n, 6))."""
     q = script(n).truth + np.broadcast_to(np.asarray(off, dtype=float) * DEG, (n, 6))
     return Run(q, np.tile(np.eye(6) * (sigma * DEG) ** 2, (n, 1, 1)), 0.003)
@@ -190,12 +190,13 @@ def test_rows_of_injections_add_up():
     rows = by_kind(runs, 0.3)
     assert [row.kind for row in rows] == ["cut", "jump", "all"]
     assert (rows[2].events, rows[2].prompt, rows[2].recovered, rows[2].struck) == (2, 2, 1, 2)
-    assert rows[0].delay == 1.0 and np.isinf(rows[0].back) and 0.9 < curve.area <= 1.0
+    assert rows[0].frames_told == 0.9 and rows[0].delay == 1.0 and np.isinf(rows[0].back) and 0.9 < curve.area <= 1.0
     cells = loss_rows(rows)
     assert all(len(row) == len(LOSS_HEADER) for row in cells) and cells[0][-1] == "never"
     assert loss_rows(by_kind([loss_run([0.0] * 16, [1.0] * 16)], 0.3))[0][3] == "-"
     data = loss_data(runs, curve, rows)
-    assert data["runs"] == 2 and len(data["injections"]) == 3
+    injections = data["injections"]
+    assert data["runs"] == 2 and isinstance(injections, list) and len(injections) == 3
     quiet = LossRun("none", 9, 9, runs[0].worst, runs[0].score, np.array([False]), runs[0].dark, runs[0].dark)
     assert by_kind([quiet], 0.3) == ()
 

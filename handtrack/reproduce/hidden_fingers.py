@@ -129,7 +129,7 @@ def found_again(
     [1.0]
     """
     near = np.append(worst <= NEAR, np.ones(STAYS - 1, dtype=bool))
-    stays = np.lib.stride_tricks.sliding_window_view(near, STAYS).all(axis=1)
+    stays = np.all(np.lib.stride_tricks.sliding_window_view(near, STAYS), axis=1)
     ends = np.flatnonzero(hidden[:-1] & ~hidden[1:]) + 1
     found = []
     for end in ends:

@@ -84,6 +84,8 @@ class LossRow:
         Struck fingers that were never lost, or held again before anything was told and within `PROMPT` frames.
     prompt : int
         Events told within `PROMPT` frames.
+    frames_told : float
+        Share of all lost frames of the struck fingers that are told.
     delay, delay_90 : float
         Frames until told: median and nine tenths; inf for never.
     recovered, struck : int
@@ -96,6 +98,7 @@ class LossRow:
     events: int
     harmless: int
     prompt: int
+    frames_told: float
     delay: float
     delay_90: float
     recovered: int
@@ -191,11 +194,13 @@ def _row(kind: str, runs: Sequence[LossRun], threshold: float) -> LossRow:
     pairs = [delays(run, threshold) for run in runs]
     found = np.concatenate([each for each, _ in pairs])
     back = np.concatenate([returns(run) for run in runs])
+    low = np.concatenate([run.score[lost(run) & run.struck] <= threshold for run in runs])
     return LossRow(
         kind=kind,
         events=found.size,
         harmless=sum(count for _, count in pairs),
         prompt=int(np.sum(found <= PROMPT)),
+        frames_told=float(low.mean()) if low.size else float("nan"),
         delay=_quantile(found, 0.5),
         delay_90=_quantile(found, 0.9),
         recovered=int(np.isfinite(back).sum()),
@@ -217,7 +222,18 @@ def status_shares(runs: Sequence[LossRun]) -> tuple[float, float]:
     return shares[0], shares[1]
 
 
-HEADER = ("injected", "lost", "harmless", f"told in {PROMPT}", "delay", "90 %", "recovered", "of", "after")
+HEADER = (
+    "injected",
+    "lost",
+    "harmless",
+    f"told in {PROMPT}",
+    "frames told",
+    "delay",
+    "90 %",
+    "recovered",
+    "of",
+    "after",
+)
 
 
 def table_rows(rows: Sequence[LossRow]) -> list[list[object]]:
@@ -228,6 +244,7 @@ def table_rows(rows: Sequence[LossRow]) -> list[list[object]]:
             row.events,
             row.harmless,
             f"{100.0 * row.prompt / row.events:.0f} %" if row.events else "-",
+            f"{100.0 * row.frames_told:.0f} %" if row.events else "-",
             _text(row.delay),
             _text(row.delay_90),
             row.recovered,
@@ -261,6 +278,7 @@ def as_data(runs: Sequence[LossRun], curve: Roc, rows: Sequence[LossRow]) -> dic
                 "lost": row.events,
                 "harmless": row.harmless,
                 f"told_within_{PROMPT}": row.prompt,
+                "lost_frames_told": row.frames_told,
                 "delay_median": row.delay,
                 "delay_90": row.delay_90,
                 "recovered": row.recovered,
