@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from . import bench, body, calibrate, dataset, demo, evaluate, explain, models, render, reproduce, track
+from . import bench, benchmark, body, calibrate, dataset, demo, evaluate, explain, models, render, reproduce, track
 from .console import error, say, version_of, warning
 
 INTERRUPTED = 130
@@ -33,6 +33,7 @@ app.command()(calibrate.calibrate_shape)
 app.command()(render.render)
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(reproduce.app, name="reproduce")
+app.add_typer(benchmark.app, name="benchmark")
 app.add_typer(models.app, name="models")
 app.add_typer(body.app, name="body")
 app.command()(bench.bench)

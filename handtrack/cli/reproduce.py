@@ -9,6 +9,7 @@ from ..errors import InputError
 from .console import progress, say, say_json, table
 from .drift_walk import drift_walk
 from .hri_tasks import hri_tasks
+from .total_occlusion import total_occlusion
 from .track import Residuals, Solver
 
 app = typer.Typer(help="Published tables and figures, theirs beside ours.")
@@ -192,6 +193,7 @@ def assembly_occlusion(
 
 app.command("hri-tasks")(hri_tasks)
 app.command("drift-walk")(drift_walk)
+app.command("total-occlusion")(total_occlusion)
 
 
 def result_share(facts: dict[str, object]) -> float:
