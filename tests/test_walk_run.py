@@ -125,7 +125,7 @@ def test_the_camera_alone_is_lost_before_it_saw_anybody():
     [(5.0, 30.0, 0.002, 0.1, 0.06), (30.0, 4.0, 0.01, 0.2, 0.06), (10.0, 10.0, 0.0, 0.5, 0.09)],
 )
 def test_streams_of_any_rates_with_lost_samples_are_followed(fps, camera_fps, jitter, missing, most):
-    walk = short(20.0, fps=fps, camera_fps=camera_fps, jitter=jitter, missing=missing)
+    walk = short(12.0, fps=fps, camera_fps=camera_fps, jitter=jitter, missing=missing)
     track, found = figures(walk)
     assert found.mean < most and track.frame.size == walk.frame.size
     assert 0.2 < track.in_view.mean() <= 1.0

@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
 from ..camera import camera_from_world, pixels_per_unit, project_with_jacobian
@@ -197,13 +196,14 @@ def updated(state: State, moment: Moment) -> tuple[State, bool]:
         noise = np.repeat(variance / weight, 2) * lasting_factor(moment, told)
         A = A.reshape(-1, SIZE)
         PA = P @ A.T
-        S = cho_factor(A @ PA + np.diag(noise))
-        new = state.x + PA @ cho_solve(S, residual.reshape(-1) + A @ (x - state.x))
+        # not by Cholesky: LAPACK's threads wait for each other there, for milliseconds on a busy machine
+        inverse = np.linalg.inv(A @ PA + np.diag(noise))
+        new = state.x + PA @ (inverse @ (residual.reshape(-1) + A @ (x - state.x)))
         done = i > 0 and np.abs(new - x)[:4].max() < CLOSE
         x = new
         if done:
             break
-    P = P - PA @ cho_solve(S, PA.T)
+    P = P - PA @ inverse @ PA.T
     P = 0.5 * (P + P.T)
     return replace(state, x=x, P=P, updated=moment.time, misfits=0, fitted=True), True
 
