@@ -4,6 +4,7 @@ A failure is one `error:` line on stderr, what is accepted with care a `warning:
 The command modules import their work when they run, so that `handtrack --help` does not wait for compilers and plots.
 """
 
+import os
 import sys
 import traceback
 import warnings
@@ -17,6 +18,8 @@ from . import bench, benchmark, body, calibrate, dataset, demo, evaluate, explai
 from .console import error, say, version_of, warning
 
 INTERRUPTED = 130
+# Matrices are small here: threads that wait for each other cost milliseconds a frame where a core is busy.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 app = typer.Typer(
     name="handtrack",
@@ -61,6 +64,8 @@ def _options(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; `arguments` without the program's name, those of the process if None. Returns the exit code."""
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"]
