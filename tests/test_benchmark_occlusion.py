@@ -24,9 +24,11 @@ from handtrack.reproduce.loss_detection import HEADER as LOSS_HEADER
 from handtrack.reproduce.loss_detection import (
     LossRun,
     by_kind,
+    calm,
     delays,
     held,
     lost,
+    neighbours_told,
     pooled,
     returns,
     roc,
@@ -179,6 +181,16 @@ def test_a_covered_camera_has_lost_every_finger_wherever_it_is():
     dark = loss_run([0.0] * 16, [1.0] * 16, kind="covered", dark=(5, 6, 7))
     assert lost(dark)[5:8].all() and lost(dark).sum() == 3 and not held(dark)[5:8].any()
     assert status_shares([dark]) == (0.0, 1.0)
+
+
+def test_a_held_finger_beside_a_lost_one_is_no_false_alarm_but_counted():
+    one = loss_run([0.0] * 6 + [20.0] * 10, [0.9] * 6 + [0.1] * 10)
+    worst = np.column_stack([one.worst[:, 0], np.zeros(16)])
+    score = np.column_stack([one.score[:, 0], np.repeat([0.8, 0.05, 0.8], [6, 5, 5])])
+    run = LossRun("cut", 5, 10, worst, score, np.array([True, False]), one.dark, one.dark)
+    assert calm(run)[:6].all() and not calm(run)[6:].any()
+    assert pooled([run]).area == 1.0 and neighbours_told([run], 0.3) == 0.5
+    assert np.isnan(neighbours_told([loss_run([0.0] * 16, [1.0] * 16)], 0.3))
 
 
 def test_rows_of_injections_add_up():
