@@ -215,11 +215,13 @@ def test_rows_of_injections_add_up():
 
 @pytest.fixture(scope="module")
 def short():
-    return occlusion_scene("hidden", 4, 3, "still")
+    """A finger hidden for three frames, tracked."""
+    scene = occlusion_scene("hidden", 4, 3, "still")
+    return trial(script_of(scene, 3), tracked(scene, Settings()))
 
 
 def test_a_finger_hidden_for_three_frames_is_kept(short):
-    found = trial(script_of(short, 3), tracked(short, Settings()))
+    found = short
     assert np.degrees(np.abs(found.off).max()) < 8.0 and found.back.max() <= 3.0 and not found.swapped
     assert found.off.shape == (3, 3) and found.seconds > 0.0
 
@@ -258,8 +260,7 @@ def test_jobs_are_done_in_order_by_as_many_as_there_are():
 
 
 def test_the_pictures_have_a_panel_for_each_question(short):
-    found = trial(script_of(short, 3), tracked(short, Settings()))
-    assert len(figure(summed([found]), [found]).axes) == 2
+    assert len(figure(summed([short]), [short]).axes) == 2
     runs = [loss_run([0.0] * 6 + [20.0] * 10, [1.0] * 7 + [0.1] * 9)]
     curve = pooled(runs)
     assert len(loss_figure(curve, by_kind(runs, threshold_at(curve))).axes) == 2

@@ -119,7 +119,7 @@ def held(run: LossRun) -> Bool[np.ndarray, "n f"]:
 
 def calm(run: LossRun) -> Bool[np.ndarray, "n f"]:
     """Where all fingers of a frame are held."""
-    return np.repeat(held(run).all(axis=1)[:, None], run.worst.shape[1], axis=1)
+    return np.repeat(np.all(held(run), axis=1, keepdims=True), run.worst.shape[1], axis=1)
 
 
 def roc(good: Float[np.ndarray, " n"], bad: Float[np.ndarray, " m"]) -> Roc:
@@ -221,7 +221,7 @@ def _quantile(values: Float[np.ndarray, " n"], share: float) -> float:
 
 def neighbours_told(runs: Sequence[LossRun], threshold: float) -> float:
     """Share of the held fingers beside a lost one that are told with it; NaN where there are none."""
-    beside = [run.score[held(run) & lost(run).any(axis=1)[:, None]] for run in runs]
+    beside = [run.score[held(run) & np.any(lost(run), axis=1, keepdims=True)] for run in runs]
     scores = np.concatenate(beside)
     return float(np.mean(scores <= threshold)) if scores.size else float("nan")
 
