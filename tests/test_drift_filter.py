@@ -284,7 +284,7 @@ def test_a_tilted_suit_is_set_upright_where_the_whole_rotation_is_followed():
     off = []
     for tilt in (0.0, 10.0):
         body, rng = body_of_walk(walk), np.random.default_rng(1)
-        state, found = drift_filter.begin(body, TOLD, tilt), []
+        state, found = drift_filter.begin(body, replace(TOLD, tilt=tilt)), []
         for moment in moments(walk, body, TOLD):
             state, said = drift_filter.step(state, moment, rng)
             found.append(Rotation.from_euler("ZYX", said.q[3:6]).as_matrix()[2])

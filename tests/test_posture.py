@@ -316,7 +316,7 @@ def test_a_suit_without_a_whole_sample_or_with_origins_in_one_place_tells_no_len
 
 @given(st.integers(0, 10_000))
 def test_heading_first_reads_a_rotation_as_scipy_does(seed):
-    turn = Rotation.random(random_state=seed)
+    turn = Rotation.random(rng=np.random.default_rng(seed))
     np.testing.assert_allclose(
         heading_first(turn.as_matrix()), pelvis_numbers(np.zeros((1, 3)), turn)[0, 3:], atol=1e-9
     )

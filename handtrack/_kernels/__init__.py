@@ -32,6 +32,7 @@ from .placing import count_samplers as count_samplers
 from .placing import place_outline as place_outline
 from .posture import chain_frames as chain_frames
 from .posture import points_on as points_on
+from .posture import segment_misfits as segment_misfits
 from .profiles import fill_harmonics as fill_harmonics
 from .profiles import sample_lines as sample_lines
 from .profiles import shade as shade

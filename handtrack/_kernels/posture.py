@@ -93,7 +93,7 @@ def points_on(frames, segment, local, out):  # pragma: no cover - compiled
 
 
 @njit(cache=True, error_model="numpy")
-def misfits(frames, end, z, place, turn, out):  # pragma: no cover - compiled
+def segment_misfits(frames, end, z, place, turn, out):  # pragma: no cover - compiled
     """Fill (n, s) with squared differences of segments' ends and axes from measured ones (s, 12).
 
     `place` and `turn` are what one metre and one unit of an axis weigh; twin: `body.posture_filter.misfits_numpy`.

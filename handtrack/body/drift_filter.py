@@ -25,15 +25,9 @@ from .walk_settings import Settings
 TILT_NOISE = 0.05  # share of their usual size by which tilts change in a minute: gravity keeps them
 
 
-def begin(body: Body, settings: Settings, tilt: float = 0.0) -> State:
-    """The state before the first moment: the suit's frame is the world's, as far as anybody knows.
-
-    Parameters
-    ----------
-    tilt : float
-        Degrees by which the suit's vertical may be off; 0 for a drift of place and heading only.
-    """
-    return begun(body, settings, np.radians(tilt))
+def begin(body: Body, settings: Settings) -> State:
+    """The state before the first moment: the suit's frame is the world's, as far as anybody knows."""
+    return begun(body, settings, float(np.radians(settings.tilt)))
 
 
 def step(state: State, moment: Moment, rng: np.random.Generator) -> tuple[State, Estimate]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from .._kernels import posture as _kernels
+from .. import _kernels
 from .particles import effective_size, normalised, resampled
 from .posture import ROOT, Body, chain_frames
 from .posture_tree import PART_SEGMENTS, PARTS, Chain
@@ -153,7 +153,7 @@ def misfits(
 ) -> Float[np.ndarray, "n 12"]:
     """Squared differences of segments from what is measured of them, in standard deviations."""
     out = np.empty(frames.shape[:2])
-    _kernels.misfits(frames, np.ascontiguousarray(body.end[1:]), z, *_weights(settings), out)
+    _kernels.segment_misfits(frames, np.ascontiguousarray(body.end[1:]), z, *_weights(settings), out)
     return out
 
 

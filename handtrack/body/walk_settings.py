@@ -62,6 +62,8 @@ class Settings:
         Error of each single place of the suit that does not last.
     start, start_heading : float
         How far off the suit's frame may be before the camera first says so; and how much is left after a re-start.
+    tilt : float
+        By how much the suit's vertical may be off too; 0: the drift turns about the vertical only. Of Drift-FF.
     pose_noise, pose_heading_noise : float
         Random walk of the pelvis in Pose-FF, m / sqrt(s) and degrees / sqrt(s).
     posture_noise : float
@@ -108,6 +110,7 @@ class Settings:
     odometry_noise: float = 0.003
     start: float = 0.3
     start_heading: float = 5.0
+    tilt: float = 0.0
     pose_noise: float = 0.5
     pose_heading_noise: float = 40.0
     posture_noise: float = 40.0
@@ -130,7 +133,7 @@ class Settings:
             ("heading_noise", 0.0, 180.0), ("pace", 0.0, 1.0), ("heading_pace", 0.0, 180.0),
             ("pace_lasts", 0.1, 1e6), ("calibration", 0.0, 45.0), ("pelvis_calibration", 0.0, 45.0),
             ("orientation_noise", 0.0, 45.0), ("length_noise", 0.0, 1.0), ("odometry_noise", 0.0, 1.0),
-            ("start", 0.001, 100.0), ("start_heading", 0.01, 180.0), ("pose_noise", 1e-4, 100.0),
+            ("start", 0.001, 100.0), ("start_heading", 0.01, 180.0), ("tilt", 0.0, 45.0), ("pose_noise", 1e-4, 100.0),
             ("pose_heading_noise", 0.01, 1000.0), ("posture_noise", 0.01, 1000.0), ("segment_noise", 1e-4, 1.0),
             ("segment_turn_noise", 0.01, 180.0), ("temper", 0.001, 1.0), ("resample", 0.0, 1.0),
             ("lost_after", 1, 1000), ("iterations", 1, 100), ("longest_hold", 0.0, 60.0),

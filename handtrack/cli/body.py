@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from .console import progress, say, say_json, warning
+from .imu import imu
 from .people import people, simulate_people
 from .rooms import register, room
 from .walks import simulate_walk, walk
@@ -92,6 +93,7 @@ def simulate(
 
 app.command()(people)
 app.command("simulate-people")(simulate_people)
+app.command()(imu)
 app.command()(walk)
 app.command("simulate-walk")(simulate_walk)
 app.command()(room)

@@ -22,6 +22,9 @@ def walk(
     particles: Annotated[
         int, typer.Option(min=2, max=100_000, help="Of the fusion filter, and of each of the five posture filters.")
     ] = 200,
+    tilt: Annotated[
+        float, typer.Option(min=0.0, max=45.0, help="Degrees by which the suit's vertical may be off, for drift-ff.")
+    ] = 0.0,
     poses: Annotated[
         Path | None,
         typer.Option(
@@ -44,7 +47,7 @@ def walk(
     opened = open_walk(recording, poses, poses_fps, poses_start)
     for line in opened.warnings:
         warning(line)
-    done = follow_into(out, opened, Settings(method, particles, particles), seed)
+    done = follow_into(out, opened, Settings(method, particles, particles, tilt=tilt), seed)
     for line in done.warnings[len(opened.warnings) :]:
         warning(line)
     if as_json:

@@ -316,6 +316,8 @@ def _refuse(table: Table, bad: Bool[np.ndarray, " n"], text: str) -> None:
 def write_walk(folder: Path | str, walk: Walk, replace: bool = False) -> None:
     """Write a walk folder, whole or not at all; `walk.path` and `walk.warnings` are not used.
 
+    A camera without frames gets no `keypoints2d.csv`.
+
     Raises
     ------
     InputError
@@ -329,7 +331,7 @@ def write_walk(folder: Path | str, walk: Walk, replace: bool = False) -> None:
         for name, text in (
             (NAME, "".join(keys)),
             ("segments.csv", segments_text(walk)),
-            ("keypoints2d.csv", keypoints_text(walk)),
+            *([("keypoints2d.csv", keypoints_text(walk))] if walk.camera_frame.size else []),
             *_truth_texts(walk),
         ):
             (partial / name).write_text(text, encoding="utf-8")
