@@ -24,9 +24,11 @@ from handtrack.reproduce.loss_detection import HEADER as LOSS_HEADER
 from handtrack.reproduce.loss_detection import (
     LossRun,
     by_kind,
+    calm,
     delays,
     held,
     lost,
+    neighbours_told,
     pooled,
     returns,
     roc,
@@ -181,6 +183,16 @@ def test_a_covered_camera_has_lost_every_finger_wherever_it_is():
     assert status_shares([dark]) == (0.0, 1.0)
 
 
+def test_a_held_finger_beside_a_lost_one_is_no_false_alarm_but_counted():
+    one = loss_run([0.0] * 6 + [20.0] * 10, [0.9] * 6 + [0.1] * 10)
+    worst = np.column_stack([one.worst[:, 0], np.zeros(16)])
+    score = np.column_stack([one.score[:, 0], np.repeat([0.8, 0.05, 0.8], [6, 5, 5])])
+    run = LossRun("cut", 5, 10, worst, score, np.array([True, False]), one.dark, one.dark)
+    assert calm(run)[:6].all() and not calm(run)[6:].any()
+    assert pooled([run]).area == 1.0 and neighbours_told([run], 0.3) == 0.5
+    assert np.isnan(neighbours_told([loss_run([0.0] * 16, [1.0] * 16)], 0.3))
+
+
 def test_rows_of_injections_add_up():
     runs = [
         loss_run([0.0] * 6 + [20.0] * 10, [1.0] * 7 + [0.1] * 9),
@@ -203,11 +215,13 @@ def test_rows_of_injections_add_up():
 
 @pytest.fixture(scope="module")
 def short():
-    return occlusion_scene("hidden", 4, 3, "still")
+    """A finger hidden for three frames, tracked."""
+    scene = occlusion_scene("hidden", 4, 3, "still")
+    return trial(script_of(scene, 3), tracked(scene, Settings()))
 
 
 def test_a_finger_hidden_for_three_frames_is_kept(short):
-    found = trial(script_of(short, 3), tracked(short, Settings()))
+    found = short
     assert np.degrees(np.abs(found.off).max()) < 8.0 and found.back.max() <= 3.0 and not found.swapped
     assert found.off.shape == (3, 3) and found.seconds > 0.0
 
@@ -246,8 +260,7 @@ def test_jobs_are_done_in_order_by_as_many_as_there_are():
 
 
 def test_the_pictures_have_a_panel_for_each_question(short):
-    found = trial(script_of(short, 3), tracked(short, Settings()))
-    assert len(figure(summed([found]), [found]).axes) == 2
+    assert len(figure(summed([short]), [short]).axes) == 2
     runs = [loss_run([0.0] * 6 + [20.0] * 10, [1.0] * 7 + [0.1] * 9)]
     curve = pooled(runs)
     assert len(loss_figure(curve, by_kind(runs, threshold_at(curve))).axes) == 2

@@ -1,5 +1,7 @@
 """Scripted occlusions and injected losses: what the scripts promise is what the rays see."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -78,29 +80,29 @@ def test_shares_are_those_of_the_outlines():
 
 
 def test_a_board_covers_the_lower_finger_and_nothing_hides_the_other_wholly():
-    scene = occlusion_scene("board", 5, 10)
+    scene = occlusion_scene("board", 5, 5)
     names = finger_names(scene.scene.model)
     other = 1 - names.index(scene.watched)
-    assert scene.hidden.sum() >= 10 and scene.board is not None
+    assert scene.hidden.sum() >= 5 and scene.board is not None
     assert scene.finger_share[scene.hidden, other].min() > 0.5
-    frame = int(np.flatnonzero(scene.hidden)[4])
+    frame = int(np.flatnonzero(scene.hidden)[2])
     share = covered(scene.board, frame, (480, 640))
     under = share == 1.0
     image = picture(scene, frame)
     assert abs(image[under].mean() - scene.board.grey) < 3.0 and share.min() == 0.0
-    without, _ = shares(scene.scene)
+    without, _ = shares(replace(scene.scene, truth=scene.scene.truth[: frame + 1]))
     assert (without[frame] >= scene.link_share[frame]).all() and without[frame].sum() > scene.link_share[frame].sum()
 
 
 def test_crossing_fingers_are_hidden_in_part_only():
     scene = occlusion_scene("crossing", 1, 30)
     assert scene.finger_share.min() > 0.2 and scene.scene.truth.shape[0] == 30
-    assert len(list(pictures(scene))) == 30
+    assert next(iter(pictures(scene))).shape == (480, 640)
 
 
 def test_a_whole_hand_hides_its_middle_finger():
-    scene = occlusion_scene("hand", 1, 10)
-    assert scene.scene.truth.shape[1] == 21 and scene.hidden.sum() >= 10
+    scene = occlusion_scene("hand", 1, 4)
+    assert scene.scene.truth.shape[1] == 21 and scene.hidden.sum() >= 4
     assert finger_names(scene.scene.model) == ("little", "ring", "middle", "index", "thumb")
     ring = scene.finger_share[:, 1]
     assert ring.min() > 0.1, "the other fingers stay in view"
@@ -108,7 +110,7 @@ def test_a_whole_hand_hides_its_middle_finger():
 
 @pytest.mark.parametrize("name", ["hidden", "hand", "board", "crossing"])
 def test_motions_stay_inside_the_limits(name):
-    scene = occlusion_scene(name, 11, 12).scene
+    scene = occlusion_scene(name, 11, 4).scene
     assert (scene.truth >= scene.model.limits[:, 0] - 1e-12).all()
     assert (scene.truth <= scene.model.limits[:, 1] + 1e-12).all()
     np.testing.assert_array_equal(scene.start, scene.truth[0])

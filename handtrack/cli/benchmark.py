@@ -102,6 +102,7 @@ def loss(
         HEADER,
         as_data,
         by_kind,
+        neighbours_told,
         pooled,
         status_shares,
         table_rows,
@@ -129,5 +130,7 @@ def loss(
     say(table(HEADER, table_rows(rows)))
     shares = ", ".join(f"{100 * told_at(curve, each):.1f} % at {100 * each:g} %" for each in (0.001, 0.01, 0.05, 0.2))
     say(f"\nlost frames told at false alarms of: {shares}; area under the ROC {curve.area:.4f}")
-    held, lost = status_shares(runs)
-    say(f"by status alone: {100 * lost:.1f} % of the lost frames called lost, {100 * held:.2f} % of the held ones")
+    beside = neighbours_told(runs, threshold_at(curve))
+    say(f"threshold at 1 %: {threshold_at(curve):.3f}; held ones beside a lost one told too: {100 * beside:.1f} %")
+    calm, lost = status_shares(runs)
+    say(f"by status alone: {100 * lost:.1f} % of the lost frames called lost, {100 * calm:.2f} % of the calm ones")

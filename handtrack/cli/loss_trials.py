@@ -97,7 +97,7 @@ def loss_figure(curve: Roc, rows: Sequence[LossRow]) -> Figure:
     left.step(np.maximum(curve.false_alarms, floor), 100.0 * curve.told, where="post", color="#4c78a8")
     left.axvline(FALSE_ALARMS, color="black", lw=0.8, ls=":", label=f"score {threshold_at(curve):.3f}")
     left.set(xscale="log", xlim=(floor, 1.0), ylim=(0, 102))
-    left.set(xlabel="false alarms, share of the held fingers", ylabel="lost fingers told (%)")
+    left.set(xlabel="false alarms, share of the fingers in calm frames", ylabel="lost fingers told (%)")
     left.set_title(f"frame by frame; area {curve.area:.4f}", loc="left")
     left.legend(frameon=False, loc="lower right")
     at = np.arange(len(rows))

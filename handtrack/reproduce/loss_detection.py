@@ -1,11 +1,12 @@
 """Scores of fingers that were made to be lost in, how soon and how surely the tracker tells it out.
 
 Every frame and finger has a score, low where the tracker doubts it. With the truth known, a finger is *lost* where a
-joint of it is off by more than 10 degrees, or where the camera sees nothing; *held* where all are within 5 degrees.
+joint of it is off by more than 10 degrees, or where the camera sees nothing; *held* where all are within 5 degrees. A
+frame is *calm* where all fingers are held: who doubts a finger beside a lost one gives no false alarm, but is counted.
 
-    false alarms(c) = share of the held ones with score <= c
+    false alarms(c) = share of the fingers in calm frames with score <= c
     told(c)         = share of the lost ones with score <= c           the curve of both over c is the ROC
-    area            = probability that a lost one scores below a held one, ties counted half
+    area            = probability that a lost one scores below a calm one, ties counted half
 
 At the threshold c of 1 % false alarms the delay is the number of frames from the first in which an injection has lost a
 finger to the first with score <= c. A finger that is held again before that needed no telling.
@@ -116,6 +117,11 @@ def held(run: LossRun) -> Bool[np.ndarray, "n f"]:
     return (run.worst < NEAR) & ~run.dark[:, None]
 
 
+def calm(run: LossRun) -> Bool[np.ndarray, "n f"]:
+    """Where all fingers of a frame are held."""
+    return np.repeat(np.all(held(run), axis=1, keepdims=True), run.worst.shape[1], axis=1)
+
+
 def roc(good: Float[np.ndarray, " n"], bad: Float[np.ndarray, " m"]) -> Roc:
     """The ROC of scores that should be high (`good`) and low (`bad`).
 
@@ -139,7 +145,7 @@ def roc(good: Float[np.ndarray, " n"], bad: Float[np.ndarray, " m"]) -> Roc:
 
 def pooled(runs: Sequence[LossRun]) -> Roc:
     """The ROC over all frames and fingers of all runs."""
-    good = np.concatenate([run.score[held(run)] for run in runs])
+    good = np.concatenate([run.score[calm(run)] for run in runs])
     return roc(good, np.concatenate([run.score[lost(run)] for run in runs]))
 
 
@@ -213,10 +219,17 @@ def _quantile(values: Float[np.ndarray, " n"], share: float) -> float:
     return float(np.quantile(values, share, method="inverted_cdf")) if values.size else float("nan")
 
 
+def neighbours_told(runs: Sequence[LossRun], threshold: float) -> float:
+    """Share of the held fingers beside a lost one that are told with it; NaN where there are none."""
+    beside = [run.score[held(run) & np.any(lost(run), axis=1, keepdims=True)] for run in runs]
+    scores = np.concatenate(beside)
+    return float(np.mean(scores <= threshold)) if scores.size else float("nan")
+
+
 def status_shares(runs: Sequence[LossRun]) -> tuple[float, float]:
-    """Shares of the held and of the lost fingers in frames that the tracker itself calls lost."""
+    """Shares of the fingers in calm frames and of the lost ones, in frames that the tracker itself calls lost."""
     shares = []
-    for where in (held, lost):
+    for where in (calm, lost):
         called = np.concatenate([np.broadcast_to(r.called_lost[:, None], r.worst.shape)[where(r)] for r in runs])
         shares.append(float(called.mean()) if called.size else float("nan"))
     return shares[0], shares[1]
@@ -263,15 +276,16 @@ def _text(count: float) -> str:
 
 def as_data(runs: Sequence[LossRun], curve: Roc, rows: Sequence[LossRow]) -> dict[str, object]:
     """The figures as plain data."""
-    called_held, called_lost = status_shares(runs)
+    called_calm, called_lost = status_shares(runs)
     at = np.array([0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5])
     return {
         "runs": len(runs),
         "false_alarms": FALSE_ALARMS,
         "threshold": threshold_at(curve),
         "area": curve.area,
+        "held_beside_lost_told": neighbours_told(runs, threshold_at(curve)),
         "roc": [{"false_alarms": float(each), "told": told_at(curve, float(each))} for each in at],
-        "status": {"held_called_lost": called_held, "lost_called_lost": called_lost},
+        "status": {"calm_called_lost": called_calm, "lost_called_lost": called_lost},
         "injections": [
             {
                 "kind": row.kind,
