@@ -177,6 +177,7 @@ def updated(state: State, moment: Moment) -> tuple[State, bool]:
     told = state.settings
     x, P = state.x, state.P
     seen = moment.confidence > 0
+    PA, inverse = np.zeros((SIZE, 0)), np.zeros((0, 0))
     for i in range(told.iterations):
         points, J = expected(state, x, moment)
         uv, by_point = project_with_jacobian(moment.camera, points)
